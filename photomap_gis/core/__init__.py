@@ -1,0 +1,1 @@
+"""The ground floor: values and plane geometry, nothing but numpy."""

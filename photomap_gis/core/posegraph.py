@@ -1,0 +1,134 @@
+"""The pose graph: what is measured between and about frames, and what the solver made of it.
+
+A frame's pose is ``T_map_plane``: it maps the frame's plane (pixels, see ``core.camera``) into the internal map frame
+(metres, x east, y south; pixels of the first frame where there is no GPS). Its scale is the ground sampling distance,
+its angle the heading (clockwise from grid north) of the image's upper edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from photomap_gis.core.placement import FramePlacement
+from photomap_gis.core.similarity import FloatArray, Similarity2D
+
+
+class EdgeKind(StrEnum):
+    """Why two frames were registered to each other."""
+
+    SEQUENTIAL = "sequential"
+    LOOP = "loop"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edge:
+    """A measured motion ``T_a_b`` between the planes of frames a and b.
+
+    ``covariance`` is ``(4, 4)`` about the origin of plane b (``T_true = T Exp(xi)``) and holds everything: the
+    registration's noise and what a similarity cannot express.
+    """
+
+    a: int
+    b: int
+    T_a_b: Similarity2D
+    covariance: FloatArray
+    kind: EdgeKind
+    probability: float = 1.0
+    overlap: float = 0.0
+    method: str = "ifmi"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionObservation:
+    """Where a frame's plumb point lies: ``(2,)`` map metres (x east, y south), ``(2, 2)`` covariance."""
+
+    frame: int
+    xy_map_m: FloatArray
+    covariance_m2: FloatArray
+    flight: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleObservation:
+    """What a frame's pixel measures on the ground, from height and focal length; sigma of the logarithm."""
+
+    frame: int
+    gsd_m_per_px: float
+    sigma_log: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingObservation:
+    """The heading of a frame's upper edge, clockwise from **grid** north (the angle of ``T_map_plane``)."""
+
+    frame: int
+    heading_rad: float
+    sigma_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class PoseGraph:
+    """All that the solver knows; frozen, each snapshot of the builder with its revision."""
+
+    frames: tuple[int, ...]
+    edges: tuple[Edge, ...]
+    positions: tuple[PositionObservation, ...] = ()
+    scales: tuple[ScaleObservation, ...] = ()
+    headings: tuple[HeadingObservation, ...] = ()
+    revision: int = 0
+
+    @property
+    def georeferenced(self) -> bool:
+        """Whether anything ties the graph to the Earth."""
+        return bool(self.positions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """A solved pose and its ``(4, 4)`` covariance (``T_true = T Exp(xi)``, plane axes and pixels)."""
+
+    frame: int
+    T_map_plane: Similarity2D
+    covariance: FloatArray
+    segment: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """What the solver returns: a pose for every frame that the graph ties to something.
+
+    ``segments`` are numbered by size, the largest 0: within one, frames are tied to each other by registrations.
+    ``rejected`` are indices into ``graph.edges`` of the edges that the robust solver put aside.
+    """
+
+    poses: tuple[Pose, ...]
+    chi2: float
+    rejected: tuple[int, ...] = ()
+    revision: int = 0
+    fit_to_gps_rms_m: float | None = None
+
+    def pose_of(self, frame: int) -> Pose | None:
+        """Return the pose of a frame, or ``None``."""
+        return next((p for p in self.poses if p.frame == frame), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """The placements of one solution: all that mosaic, live, export and report ever learn of it."""
+
+    placements: tuple[FramePlacement, ...] = field(default=())
+    revision: int = 0
+
+    def segment(self, number: int) -> Trajectory:
+        """Return the trajectory of one segment alone."""
+        return Trajectory(tuple(p for p in self.placements if p.segment == number), self.revision)
+
+    @property
+    def gsd_m_per_px(self) -> float:
+        """Median ground sampling distance of the placed frames' centres."""
+        if not self.placements:
+            raise ValueError("an empty trajectory has no ground sampling distance")
+        return float(np.median([p.gsd_m_per_px for p in self.placements]))

@@ -1,0 +1,1 @@
+"""Reading what a drone brought home: photos, videos, telemetry."""
