@@ -1,0 +1,339 @@
+"""The mission folder: all that is needed to resume a mapping run, to extend it or to export it again.
+
+::
+
+    MISSION/
+      mission.json          what was asked for, and where the map frame lies (replaced whole)
+      frames.jsonl          one FrameRef a line, with the flights (journals: only ever appended)
+      prepared.jsonl        one verdict a frame: usable or not, and where its working image lies in its plane
+      registrations.jsonl   one registration a line, whether accepted or not
+      solution.json         the placements of the newest solution, and every frame's status (replaced whole)
+      cache/work/           small levelled grey images, one a frame; can be made again
+      cache/frames/         the frames taken out of videos
+      mosaic/               the rendered tiles of the map (mosaic-2, ... for further segments of a map without GPS)
+      map.tif, map.kmz ...  what was exported
+
+A killed run leaves at worst a journal whose last line is cut: it is dropped when the journal is opened again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any, Generic, TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from photomap_gis.core.errors import DataError, OutputError, UsageError
+from photomap_gis.core.frame import Flight, Footage, FrameRef, FrameStatus
+from photomap_gis.core.grid import MapFrame
+from photomap_gis.core.measurement import Registration
+from photomap_gis.core.posegraph import EdgeKind
+from photomap_gis.core.similarity import FloatArray, Similarity2D
+
+T = TypeVar("T")
+
+SCHEMA = 1
+"""Counts incompatible changes of the folder's layout."""
+
+
+@dataclass(frozen=True, slots=True)
+class MissionHeader:
+    """What was asked for, and where the internal map frame lies; ``settings`` are the corridor's, opaque here."""
+
+    sources: tuple[str, ...]
+    settings: dict[str, Any]
+    map_frame: MapFrame
+    created_utc: str
+    product: str
+    schema: int = SCHEMA
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedFrame:
+    """What preparation found: why a frame is not ``usable``, and where its working image lies in its plane."""
+
+    frame: int
+    usable: bool
+    reason: str | None = None
+    T_plane_work: Similarity2D = field(default_factory=Similarity2D)
+
+
+@dataclass(frozen=True, slots=True)
+class RegistrationRecord:
+    """A registration as the journal keeps it, in pixels of the working images; covariance row by row."""
+
+    a: int
+    b: int
+    kind: EdgeKind
+    T_a_b: Similarity2D
+    covariance: tuple[float, ...]
+    probability: float
+    size_b_px: tuple[int, int]
+    model_sigma_px: float
+    accepted: bool
+    method: str
+    overlap: float
+    correlation: float
+    alternatives: tuple[Similarity2D, ...] = ()
+
+    @classmethod
+    def of(cls, r: Registration, kind: EdgeKind) -> RegistrationRecord:
+        """Return the record of a registration."""
+        return cls(
+            r.a, r.b, kind, r.T_a_b, tuple(float(v) for v in r.covariance.ravel()), float(r.probability), r.size_b_px,
+            float(r.model_sigma_px), bool(r.accepted), r.method, float(r.overlap), float(r.correlation), r.alternatives,
+        )  # fmt: skip
+
+    @property
+    def registration(self) -> Registration:
+        """The registration itself."""
+        return Registration(
+            self.T_a_b, _square(self.covariance), self.probability, self.size_b_px, self.model_sigma_px, self.accepted,
+            self.method, self.overlap, self.correlation, self.alternatives, self.a, self.b,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementRecord:
+    """A frame's placement in a solution; ``covariance`` row by row, ``None`` with the pose where it is not placed."""
+
+    frame: int
+    status: FrameStatus
+    reason: str = ""
+    segment: int | None = None
+    method: str = ""
+    T_map_plane: Similarity2D | None = None
+    covariance: tuple[float, ...] | None = None
+
+    @property
+    def covariance_matrix(self) -> FloatArray:
+        """``(4, 4)`` covariance of the pose."""
+        if self.covariance is None:
+            raise ValueError(f"frame {self.frame} is not placed")
+        return _square(self.covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class SolutionRecord:
+    """The newest solution: one placement record a frame, and the numbers of the summary."""
+
+    revision: int
+    placements: tuple[PlacementRecord, ...]
+    summary: dict[str, Any]
+
+
+class Journal(Generic[T]):
+    """A file of JSON lines that is only ever appended to; a cut last line is dropped when it is opened."""
+
+    def __init__(self, path: Path, kind: type[T]) -> None:
+        self._path = path
+        self._adapter: TypeAdapter[T] = _adapter(kind)
+        self._file: IO[bytes] | None = None
+
+    def __iter__(self) -> Iterator[T]:
+        """Yield every whole record; raise ``DataError`` where a line in the middle is damaged."""
+        if not self._path.exists():
+            return
+        with self._path.open("rb") as file:
+            for number, line in enumerate(file, start=1):
+                if not line.endswith(b"\n"):
+                    return  # the line that a killed run was writing
+                try:
+                    yield self._adapter.validate_json(line)
+                except ValidationError as error:
+                    raise DataError(
+                        f"{self._path}, line {number}, is damaged: delete the mission folder and map again"
+                    ) from error
+
+    def extend(self, records: Iterable[T]) -> None:
+        """Append records and hand them to the operating system; they outlive the process from here on."""
+        lines = b"".join(self._adapter.dump_json(r) + b"\n" for r in records)
+        try:
+            if self._file is None:
+                self._file = self._open_whole()
+            self._file.write(lines)
+            self._file.flush()
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
+
+    def append(self, record: T) -> None:
+        """Append one record."""
+        self.extend((record,))
+
+    def close(self) -> None:
+        """Bring what was appended onto the disk."""
+        if self._file is not None:
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self._file = None
+
+    def _open_whole(self) -> IO[bytes]:
+        """Open for appending, cut back to the end of the last whole line."""
+        file = self._path.open("ab+")
+        file.seek(0, os.SEEK_END)
+        end = file.tell()
+        while end > 0:
+            start = max(0, end - 65536)
+            file.seek(start)
+            newline = file.read(end - start).rfind(b"\n")
+            if newline >= 0:
+                end = start + newline + 1
+                break
+            end = start
+        file.truncate(end)
+        file.seek(0, os.SEEK_END)
+        return file
+
+
+class Mission:
+    """A mission folder and its single writer; use it as a context manager."""
+
+    def __init__(self, folder: Path, header: MissionHeader) -> None:
+        self.folder = folder
+        self.header = header
+        self.flights: Journal[Flight] = Journal(folder / "flights.jsonl", Flight)
+        self.frames: Journal[FrameRef] = Journal(folder / "frames.jsonl", FrameRef)
+        self.prepared: Journal[PreparedFrame] = Journal(folder / "prepared.jsonl", PreparedFrame)
+        self.registrations: Journal[RegistrationRecord] = Journal(folder / "registrations.jsonl", RegistrationRecord)
+
+    @classmethod
+    def create(cls, folder: Path, header: MissionHeader, footage: Footage) -> Mission:
+        """Make a new mission folder, or raise ``UsageError`` where one stands already."""
+        if cls.exists(folder):
+            raise UsageError(f"{folder} holds a mission already: extend it by --add, or choose another folder by -o")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "cache" / "work").mkdir(parents=True, exist_ok=True)
+            (folder / "cache" / "frames").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write {folder}: {error.strerror}; choose another folder by -o") from error
+        mission = cls(folder, header)
+        for stale in ("flights", "frames", "prepared", "registrations"):  # of a run killed before it had a header
+            (folder / f"{stale}.jsonl").unlink(missing_ok=True)
+        mission.add_footage(footage)
+        mission.save_header(header)  # last: a folder with a header has its frames
+        return mission
+
+    @classmethod
+    def open(cls, folder: Path) -> Mission:
+        """Open a mission folder; ``DataError`` where there is none or it comes from another version."""
+        path = folder / "mission.json"
+        if not path.is_file():
+            raise DataError(f"{folder} is no mission folder (no mission.json): name one made by 'photomap map'")
+        try:
+            header = _adapter(MissionHeader).validate_json(path.read_bytes())
+        except (ValidationError, OSError) as error:
+            raise DataError(f"{path} cannot be read: it is damaged or comes from another version") from error
+        if header.schema != SCHEMA:
+            raise DataError(f"{folder} has layout {header.schema}, this version reads {SCHEMA}: map again")
+        return cls(folder, header)
+
+    @staticmethod
+    def exists(folder: Path) -> bool:
+        """Whether a folder holds a mission."""
+        return (folder / "mission.json").is_file()
+
+    def __enter__(self) -> Mission:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for journal in (self.flights, self.frames, self.prepared, self.registrations):
+            journal.close()
+
+    def save_header(self, header: MissionHeader) -> None:
+        """Replace ``mission.json``."""
+        write_atomically(self.folder / "mission.json", _adapter(MissionHeader).dump_json(header, indent=1))
+        self.header = header
+
+    def add_footage(self, footage: Footage) -> None:
+        """Append flights and frames."""
+        self.flights.extend(footage.flights)
+        self.frames.extend(footage.frames)
+
+    def save_solution(self, solution: SolutionRecord) -> None:
+        """Replace ``solution.json``."""
+        write_atomically(self.folder / "solution.json", _adapter(SolutionRecord).dump_json(solution))
+
+    def load_solution(self) -> SolutionRecord:
+        """Return the newest solution; ``DataError`` where the mission was never solved."""
+        path = self.folder / "solution.json"
+        if not path.is_file():
+            raise DataError(f"{self.folder} has no solution yet: run 'photomap map' on its sources again to finish it")
+        try:
+            return _adapter(SolutionRecord).validate_json(path.read_bytes())
+        except (ValidationError, OSError) as error:
+            raise DataError(f"{path} is damaged: run 'photomap map' on its sources again") from error
+
+    def work_image_path(self, frame: int) -> Path:
+        """Where a frame's working image lies."""
+        return self.folder / "cache" / "work" / f"{frame:06d}.png"
+
+    def video_frame_path(self, frame: int) -> Path:
+        """Where a frame taken out of a video lies."""
+        return self.folder / "cache" / "frames" / f"{frame:06d}.jpg"
+
+    def mosaic_folder(self, segment: int = 0) -> Path:
+        """Where a map's tiles lie; segments beyond the first occur in maps without GPS only."""
+        return self.folder / ("mosaic" if segment == 0 else f"mosaic-{segment + 1}")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside ``path``; on success it takes the place of ``path``, else it is removed.
+
+    Raises ``OutputError`` where the folder cannot be written or the disk is full.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        # mkstemp gives 0600; outputs are for others to read
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}; choose another place by -o") from error
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}; free or choose another disk") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a small file whole or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def read_json(path: Path) -> Any:
+    """Return a JSON file's content, ``DataError`` where it is not one."""
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read as JSON: {error}") from error
+
+
+def _adapter(kind: type[T]) -> TypeAdapter[T]:
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+    return _ADAPTERS[kind]
+
+
+_ADAPTERS: dict[type, TypeAdapter[Any]] = {}  # building one takes milliseconds
+
+
+def _square(row_by_row: tuple[float, ...]) -> FloatArray:
+    return np.array(row_by_row, dtype=np.float64).reshape(4, 4)
