@@ -1,0 +1,81 @@
+"""The hot doors: Fourier transforms and resampling, by OpenCV, in single precision.
+
+OpenCV's packed real transform is the fastest on the sizes that occur here (see docs), but its packed layout is
+awkward: spectra leave this file as ordinary half spectra, as ``numpy.fft.rfft2`` lays them out.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.similarity import Similarity2D
+
+Image32 = npt.NDArray[np.float32]
+Spectrum64 = npt.NDArray[np.complex64]
+Mask8 = npt.NDArray[np.uint8]
+Picture = TypeVar("Picture", Image32, Mask8)
+
+
+def fft_size(size: int) -> int:
+    """Return the smallest even length >= ``size`` that transforms fast."""
+    n = max(size, 2)
+    while True:
+        n = int(cv2.getOptimalDFTSize(n))
+        if n % 2 == 0:
+            return n
+        n += 1
+
+
+def forward_fft(image: Image32) -> Spectrum64:
+    """``(h, w // 2 + 1)`` half spectrum of a real ``(h, w)`` image; h and w must be even."""
+    h, w = image.shape
+    packed = cv2.dft(image)
+    half = np.empty((h, w // 2 + 1), np.complex64)
+    half.view(np.float32)[:, 2:w] = packed[:, 1 : w - 1]
+    for column, stored in ((0, 0), (w // 2, w - 1)):  # these two hold real transforms, packed downwards
+        values = np.empty(h // 2 + 1, np.complex64)
+        values.real[0], values.imag[0] = packed[0, stored], 0.0
+        values.real[1:-1], values.imag[1:-1] = packed[1 : h - 1 : 2, stored], packed[2:h:2, stored]
+        values.real[-1], values.imag[-1] = packed[h - 1, stored], 0.0
+        half[: h // 2 + 1, column] = values
+        half[h // 2 + 1 :, column] = values[-2:0:-1].conj()
+    return half
+
+
+def inverse_fft(half: Spectrum64) -> Image32:
+    """Real ``(h, w)`` image of an ``(h, w // 2 + 1)`` half spectrum; w is taken to be even."""
+    h, w = half.shape[0], 2 * (half.shape[1] - 1)
+    packed = np.empty((h, w), np.float32)
+    packed[:, 1 : w - 1] = half.view(np.float32)[:, 2:w]
+    for column, stored in ((0, 0), (w // 2, w - 1)):
+        values = half[: h // 2 + 1, column]
+        packed[0, stored] = values[0].real
+        packed[1 : h - 1 : 2, stored], packed[2:h:2, stored] = values[1:-1].real, values[1:-1].imag
+        packed[h - 1, stored] = values[-1].real
+    inverse: Image32 = cv2.dft(packed, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
+    return inverse
+
+
+def warp_similarity(image: Picture, T_out_in: Similarity2D, shape: tuple[int, int]) -> Picture:
+    """Resample an image by ``T_out_in`` onto ``shape`` (h, w), bilinearly; 0 outside."""
+    T_in_out = T_out_in.inverse().matrix[:2]
+    warped: Picture = cv2.warpAffine(
+        image, T_in_out, (shape[1], shape[0]), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
+    return warped
+
+
+def sample(image: Picture, x: Image32, y: Image32) -> Picture:
+    """Bilinear values at float maps of equal shape; 0 outside."""
+    values: Picture = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return values
+
+
+def halve(image: Image32) -> Image32:
+    """Return the next floor of the pyramid: pixel (x, y) there lies at (2 x, 2 y) here."""
+    smaller: Image32 = cv2.pyrDown(image)
+    return smaller

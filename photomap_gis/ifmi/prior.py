@@ -1,0 +1,39 @@
+"""What is known of a motion before the pictures are compared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from photomap_gis.core.similarity import Similarity2D, wrap_angle
+
+GATE_SIGMAS = 3.5
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """An expected motion ``T_a_b`` in the spectra's pixels, with one-sigmas that restrict the search.
+
+    ``sigma_xy_px`` is per axis, of where the centre of b lies in a. A registration more than 3.5 sigmas from its
+    prior is not accepted.
+    """
+
+    T_a_b: Similarity2D
+    sigma_xy_px: float
+    sigma_angle_rad: float
+    sigma_log_scale: float
+
+    def __post_init__(self) -> None:
+        for name in ("sigma_xy_px", "sigma_angle_rad", "sigma_log_scale"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def admits(self, T_a_b: Similarity2D, size_b_px: tuple[int, int]) -> bool:
+        """Whether a motion lies within the gate (a pixel, a third of a degree and half a percent are granted)."""
+        centre = ((size_b_px[0] - 1) / 2.0, (size_b_px[1] - 1) / 2.0)
+        d = T_a_b.apply(centre) - self.T_a_b.apply(centre)
+        return (
+            math.hypot(float(d[0]), float(d[1])) <= GATE_SIGMAS * self.sigma_xy_px + 1.0
+            and abs(wrap_angle(T_a_b.angle_rad - self.T_a_b.angle_rad)) <= GATE_SIGMAS * self.sigma_angle_rad + 0.006
+            and abs(T_a_b.log_scale - self.T_a_b.log_scale) <= GATE_SIGMAS * self.sigma_log_scale + 0.005
+        )

@@ -1,0 +1,180 @@
+"""Registration of two frames: Algorithm 2 of the paper, with its improvements, refinement and judgement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.frame import ImageArray
+from photomap_gis.core.measurement import Registration
+from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.ifmi.blocks import block_motion
+from photomap_gis.ifmi.features import feature_candidates
+from photomap_gis.ifmi.misfit import settle
+from photomap_gis.ifmi.overlap import agreement
+from photomap_gis.ifmi.prior import Prior
+from photomap_gis.ifmi.refine import refine
+from photomap_gis.ifmi.search import Candidate, search
+from photomap_gis.ifmi.spectrum import FINEST_SIDE_PX, Spectrum, make_spectrum
+from photomap_gis.ifmi.validity import ACCEPT, Evidence, probability_of
+from photomap_gis.ifmi.working import shrink, to_grey
+
+WORKING_SIDE_PX = 512
+CONTENDERS = 4
+
+
+def register(
+    spectrum_a: Spectrum, spectrum_b: Spectrum, *, prior: Prior | None = None, fallback: bool = True
+) -> Registration:
+    """Return the motion between two frames, in the pixels of the pictures the spectra were made of.
+
+    Algorithm 2 of the paper: the log-polar spectra's pulse gives turn and scale, the spectra's pulse the shift
+    (``search``, which tries several peaks, both twins and all wraps); then a photometric refinement and a judgement
+    that may abstain. Where it abstains, ``fallback`` tries features.
+    """
+    result = _judge(spectrum_a, spectrum_b, search(spectrum_a, spectrum_b, prior), prior, "ifmi")
+    if fallback and not result.accepted:
+        by_features = _judge(
+            spectrum_a, spectrum_b, feature_candidates(spectrum_a, spectrum_b, prior), prior, "features"
+        )
+        if by_features.probability > result.probability:
+            result = by_features
+    return result
+
+
+def register_images(
+    a: ImageArray,
+    b: ImageArray,
+    *,
+    fallback: bool = True,
+    mask_a: npt.NDArray[np.bool_] | None = None,
+    mask_b: npt.NDArray[np.bool_] | None = None,
+) -> Registration:
+    """Return the motion ``T_a_b`` between two uint8 pictures, grey or BGR, of the same size, without any prior.
+
+    Masks are ``(h, w)``, True where a picture may be used. Pictures are compared at a working size; the result is in
+    the pixels of the pictures given.
+    """
+    if a.shape[:2] != b.shape[:2]:
+        raise ValueError(f"pictures must have the same size, got {a.shape[:2]} and {b.shape[:2]}")
+    spectrum_a, T_a_worka = _spectrum_of(a, mask_a)
+    spectrum_b, T_b_workb = _spectrum_of(b, mask_b)
+    r = register(spectrum_a, spectrum_b, fallback=fallback)
+    if a.shape[:2] == spectrum_a.shape:
+        return r
+    k = T_b_workb.scale
+    unit = np.array([k, k, 1.0, 1.0])
+
+    def carried(T: Similarity2D) -> Similarity2D:
+        return T_a_worka @ T @ T_b_workb.inverse()
+
+    return replace(
+        r,
+        T_a_b=carried(r.T_a_b),
+        covariance=r.covariance * np.outer(unit, unit),
+        model_sigma_px=r.model_sigma_px * k,
+        size_b_px=(b.shape[1], b.shape[0]),
+        alternatives=tuple(carried(T) for T in r.alternatives),
+    )
+
+
+def _judge(a: Spectrum, b: Spectrum, candidates: list[Candidate], prior: Prior | None, method: str) -> Registration:
+    """Refine the best candidates, decide between them, and measure how sure the decision is."""
+    lowest_a, lowest_b = a.floors[-1:], b.floors[-1:]
+    contenders: list[Candidate] = []
+    for candidate in candidates:
+        if len(contenders) == CONTENDERS:
+            break
+        if any(_distance_px(candidate.T_a_b, c.T_a_b, b) < 0.03 * max(b.shape) for c in contenders):
+            continue
+        T = refine(lowest_a, lowest_b, candidate.T_a_b, steps=8).T_a_b
+        g = agreement(a.floors[-1], b.floors[-1], T)
+        if g.evidence > candidate.agreement.evidence:
+            candidate = Candidate(T, candidate.snr, g)
+        contenders.append(candidate)
+    contenders.sort(key=lambda c: -c.agreement.evidence)
+    if prior is not None:
+        contenders = [c for c in contenders if prior.admits(c.T_a_b, b.size_px)]
+    if not contenders:
+        return _nothing(a, b, prior, method)
+    best = contenders[0]
+    rivals = [c for c in contenders[1:] if _distance_px(c.T_a_b, best.T_a_b, b) >= 0.03 * max(b.shape)]
+    finer_a, finer_b = a.floors[-2::-1], b.floors[-2::-1]
+    fit = refine(finer_a, finer_b, best.T_a_b)
+    if fit.support == 0.0:
+        return _nothing(a, b, prior, method)
+    blocks = block_motion(finer_a, finer_b, fit.T_a_b)
+    settled = settle(fit, blocks, b)
+    middle = agreement(a.floors[a.spectral], b.floors[b.spectral], settled.T_a_b)
+    low = agreement(a.floors[-1], b.floors[-1], settled.T_a_b)
+    evidence = Evidence(
+        low=low.correlation,
+        middle=middle.correlation,
+        fine=fit.correlation,
+        overlap=middle.overlap,
+        snr=best.snr,
+        rival=rivals[0].agreement.evidence / max(low.evidence, 1e-6) if rivals else 0.0,
+        agreeing_blocks=settled.agreeing,
+        blocks=settled.blocks,
+        drift=_distance_px(best.T_a_b, settled.T_a_b, b) / max(b.shape),
+        area_px=middle.overlap * math.prod(b.floors[b.spectral].shape),
+    )
+    probability = probability_of(evidence, method)
+    if prior is not None and not prior.admits(settled.T_a_b, b.size_px):
+        probability = 0.0
+    return Registration(
+        T_a_b=settled.T_a_b,
+        covariance=settled.covariance,
+        probability=probability,
+        size_b_px=b.size_px,
+        model_sigma_px=settled.model_sigma_px,
+        accepted=probability >= ACCEPT,
+        method=method,
+        overlap=middle.overlap,
+        correlation=middle.correlation,
+        alternatives=tuple(c.T_a_b for c in rivals if c.agreement.evidence > 0.8 * best.agreement.evidence),
+        a=a.index,
+        b=b.index,
+    )
+
+
+def _nothing(a: Spectrum, b: Spectrum, prior: Prior | None, method: str) -> Registration:
+    """Return the registration that says nothing: the prior's motion or none, as wide as the frame."""
+    side = float(max(b.shape))
+    if prior is None:
+        T, wide = Similarity2D.identity(), np.diag([side**2, side**2, 4.0, 0.5])
+    else:
+        T = prior.T_a_b
+        wide = np.diag(
+            [
+                (prior.sigma_xy_px / T.scale) ** 2,
+                (prior.sigma_xy_px / T.scale) ** 2,
+                prior.sigma_angle_rad**2,
+                prior.sigma_log_scale**2,
+            ]
+        )
+    return Registration(T, wide, 0.0, b.size_px, method=method, a=a.index, b=b.index)
+
+
+def _distance_px(T: Similarity2D, U: Similarity2D, b: Spectrum) -> float:
+    """Root mean square distance over b's corners between two motions."""
+    w, h = b.size_px
+    corners: FloatArray = np.array([[0.0, 0.0], [w - 1.0, 0.0], [0.0, h - 1.0], [w - 1.0, h - 1.0]])
+    d = T.apply(corners) - U.apply(corners)
+    return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
+
+
+def _spectrum_of(image: ImageArray, mask: npt.NDArray[np.bool_] | None) -> tuple[Spectrum, Similarity2D]:
+    """Return a picture's spectrum at the working size, and ``T_image_work``."""
+    grey = to_grey(image)
+    if max(grey.shape) <= FINEST_SIDE_PX:
+        return make_spectrum(np.ascontiguousarray(grey), mask=mask), Similarity2D.identity()
+    small, T_image_small = shrink(grey, WORKING_SIDE_PX)
+    small_mask = None
+    if mask is not None:
+        share, _ = shrink(mask.astype(np.uint8) * np.uint8(255), WORKING_SIDE_PX)
+        small_mask = share > 250
+    return make_spectrum(small, mask=small_mask), T_image_small
