@@ -43,12 +43,21 @@ class Edge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionObservation:
-    """Where a frame's plumb point lies: ``(2,)`` map metres (x east, y south), ``(2, 2)`` covariance."""
+    """Where a frame's plumb point lies: ``(2,)`` map metres (x east, y south), ``(2, 2)`` covariance.
+
+    ``covariance_m2`` is the whole error but for the flight's constant bias (sigma ``bias_sigma_m`` per axis). Of it,
+    ``correlated_sigma_m`` per axis is shared with fixes of the same flight near in ``time_s`` (first-order
+    Gauss-Markov, ``correlation_time_s``): a hundred fixes in a minute are not a hundred samples.
+    """
 
     frame: int
     xy_map_m: FloatArray
     covariance_m2: FloatArray
     flight: int = 0
+    time_s: float | None = None
+    correlated_sigma_m: float = 0.0
+    correlation_time_s: float = 60.0
+    bias_sigma_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
