@@ -1,0 +1,26 @@
+"""The map in the formats that other programs open: GeoTIFF, KMZ, tiles, MBTiles, poses, and over old imagery."""
+
+from photomap_gis.export.footprint import footprint
+from photomap_gis.export.geotiff import write_geotiff
+from photomap_gis.export.kml import write_kmz
+from photomap_gis.export.mbtiles import write_mbtiles
+from photomap_gis.export.over import Replacement, write_over
+from photomap_gis.export.poses import PoseRow, pose_rows, write_poses
+from photomap_gis.export.tiles import write_tiles
+from photomap_gis.export.warp import overview, target_grid, warped
+
+__all__ = [
+    "PoseRow",
+    "Replacement",
+    "footprint",
+    "overview",
+    "pose_rows",
+    "target_grid",
+    "warped",
+    "write_geotiff",
+    "write_kmz",
+    "write_mbtiles",
+    "write_over",
+    "write_poses",
+    "write_tiles",
+]

@@ -1,0 +1,158 @@
+"""The map as one cloud-optimised GeoTIFF: tiled, with alpha and overviews, in the right place."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+import rasterio.shutil
+from rasterio.enums import ColorInterp
+from rasterio.errors import RasterioError
+from rasterio.windows import Window as RasterWindow
+from rio_cogeo.cogeo import cog_validate
+
+from photomap_gis.core.errors import OutputError, UsageError
+from photomap_gis.core.grid import MapGrid, Window
+from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.publish import file_in_place_of
+from photomap_gis.export.warp import target_grid, warped
+
+COMPRESSIONS = ("DEFLATE", "ZSTD", "LZW", "WEBP", "JPEG", "NONE")
+NOT_GEOREFERENCED = "NOT GEOREFERENCED: local units, no place on Earth; north is arbitrary"
+LOCAL_CRS_WKT = (
+    'LOCAL_CS["photomap local frame (NOT GEOREFERENCED)",LOCAL_DATUM["local",0],UNIT["metre",1],'
+    'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+)
+
+_BLOCK_PX = 512
+_CACHE_BYTES = 96 << 20
+_STRIP_PX = 2048  # the map is copied in windows of this width and one block's height
+
+OnProgress = Callable[[int, int], None]
+
+
+def write_geotiff(
+    source: TileSource,
+    path: Path | str,
+    *,
+    crs: str | None = None,
+    pixel_size: float | None = None,
+    compression: str = "DEFLATE",
+    metadata: Mapping[str, str] | None = None,
+    on_progress: OnProgress | None = None,
+) -> MapGrid:
+    """Write the map as a COG (RGB and alpha, 512-pixel tiles, averaged overviews) and return the grid written.
+
+    ``crs`` and ``pixel_size`` (in its units) default to the map's own: then every pixel is copied, not resampled. JPEG
+    and WEBP lose detail for a tenth of the size; JPEG keeps a mask in place of alpha. A map without a place on Earth
+    gets an engineering CRS and says so in its tags, never an EPSG code.
+    """
+    path = Path(path).absolute()
+    if compression.upper() not in COMPRESSIONS:
+        raise ValueError(f"compression must be one of {', '.join(COMPRESSIONS)}, got {compression!r}")
+    if pixel_size is not None and crs is None and source.grid.crs_wkt is None:
+        raise UsageError("a map without a place on Earth keeps its own pixel size: leave out --crs and --gsd")
+    if crs is not None or pixel_size is not None:
+        source = warped(source, target_grid(source.grid, crs or str(source.grid.crs_wkt), pixel_size))
+    grid = source.grid
+    tags = {"TIFFTAG_SOFTWARE": "photomap", "AREA_OR_POINT": "Area", **(metadata or {})}
+    if grid.crs_wkt is None:
+        tags |= {"GEOREFERENCE": NOT_GEOREFERENCED, "TIFFTAG_IMAGEDESCRIPTION": NOT_GEOREFERENCED}
+    with file_in_place_of(path, lambda p: check_cog(p, path)) as temporary, bounded_cache():
+        draft = temporary.with_name("draft.tif")
+        profile = {
+            "width": grid.width,
+            "height": grid.height,
+            "count": 4,
+            "dtype": "uint8",
+            "crs": grid.crs_wkt or LOCAL_CRS_WKT,
+            "transform": rasterio.Affine(*grid.transform),
+            "photometric": "RGB",
+            "alpha": "UNSPECIFIED",
+        }
+        with draft_dataset(draft, profile) as out:
+            out.colorinterp = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
+            out.update_tags(**tags)
+            windows = list(strips(grid.width, grid.height))
+            total = 2 * len(windows)
+            for done, window in enumerate(windows, start=1):
+                rgba = source.read(window)
+                if rgba[..., 3].any():  # what is never written stays sparse and reads as transparent
+                    out.write(np.ascontiguousarray(rgba.transpose(2, 0, 1)), window=RasterWindow(*window))
+                if on_progress is not None:
+                    on_progress(done, total)
+        draft_to_cog(draft, temporary, compression=compression.upper())
+        draft.unlink()
+        if on_progress is not None:
+            on_progress(total, total)
+    return grid
+
+
+@contextlib.contextmanager
+def bounded_cache() -> Iterator[None]:
+    """Hold GDAL's block cache to a fixed size: by default it takes 5 % of the machine."""
+    with rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES, GDAL_TIFF_INTERNAL_MASK=True):
+        yield
+
+
+@contextlib.contextmanager
+def draft_dataset(path: Path, profile: Mapping[str, Any]) -> Iterator[Any]:
+    """Yield a new, uncompressed, sparse GeoTIFF open for writing: pixels are compressed once, in the COG."""
+    options = {
+        "driver": "GTiff", "tiled": True, "blockxsize": _BLOCK_PX, "blockysize": _BLOCK_PX, "interleave": "pixel",
+        "BIGTIFF": "IF_SAFER", "SPARSE_OK": True,
+    }  # fmt: skip
+    with rasterio.open(path, "w", **options, **profile) as dataset:
+        yield dataset
+
+
+def draft_to_cog(draft: Path, cog: Path, *, compression: str) -> None:
+    """Turn a GeoTIFF into a COG with all its tags, masks and colour interpretations."""
+    options = {
+        "BLOCKSIZE": str(_BLOCK_PX),
+        "COMPRESS": compression,
+        "OVERVIEWS": "IGNORE_EXISTING",
+        "OVERVIEW_RESAMPLING": "AVERAGE",
+        "BIGTIFF": "IF_SAFER",
+        "SPARSE_OK": "YES",
+        "NUM_THREADS": str(min(8, os.cpu_count() or 1)),
+    }
+    if compression in ("DEFLATE", "ZSTD", "LZW"):
+        options["PREDICTOR"] = "YES"
+    if compression in ("WEBP", "JPEG"):
+        options["QUALITY"] = "88"
+    rasterio.shutil.copy(str(draft), str(cog), driver="COG", **options)
+
+
+def strips(width: int, height: int) -> Iterator[Window]:
+    """Yield windows of whole blocks that cover a raster once, row by row."""
+    for row in range(0, height, _BLOCK_PX):
+        for col in range(0, width, _STRIP_PX):
+            yield Window(col, row, min(_STRIP_PX, width - col), min(_BLOCK_PX, height - row))
+
+
+def check_cog(temporary: Path, path: Path) -> None:
+    """Re-open a COG, validate its layout and read its last blocks at every zoom; ``OutputError`` where that fails."""
+    try:
+        valid, errors, warnings = cog_validate(str(temporary), strict=True, quiet=True)
+        if not valid:
+            raise OutputError(f"{path} is not a valid COG after writing ({'; '.join([*errors, *warnings])})")
+        with rasterio.open(temporary) as dataset:
+            levels = [None, *range(len(dataset.overviews(1)))]
+        for level in levels:
+            with rasterio.open(temporary, **({} if level is None else {"overview_level": level})) as dataset:
+                for window in _probes(dataset.width, dataset.height):
+                    dataset.read(window=window)
+    except (RasterioError, OSError) as error:
+        raise OutputError(f"{path} cannot be read after writing ({error}); check the disk's free space") from error
+
+
+def _probes(width: int, height: int) -> Iterator[RasterWindow]:
+    """Yield a pixel of each corner and of the middle."""
+    for x, y in ((0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1), (width // 2, height // 2)):
+        yield RasterWindow(x, y, 1, 1)

@@ -1,0 +1,98 @@
+"""Arithmetic of RGBA pixels: shrinking, sampling and halving, in premultiplied colour so that no border turns dark.
+
+Images are ``(H, W, 4)`` uint8 with straight (not premultiplied) alpha on both sides of every function. Where alpha is
+255 all over, the premultiplied detour is skipped: same result, a third of the time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Rgba = npt.NDArray[np.uint8]
+
+_OUTSIDE = -1.0e4  # a coordinate that lies outside every window
+_ANTIALIAS_SIGMA = 0.55
+
+
+def is_opaque(rgba: Rgba) -> bool:
+    """Whether every pixel was seen."""
+    return bool((rgba[..., 3] == 255).all())
+
+
+def shrink(rgba: Rgba, factor: int) -> Rgba:
+    """Return the mean over blocks of ``factor`` x ``factor`` pixels, weighted by alpha; the size must divide."""
+    height, width = rgba.shape[:2]
+    if height % factor or width % factor:
+        raise ValueError(f"image size must be a multiple of {factor}, got {width} x {height}")
+    if factor == 1:
+        return rgba
+    size = (width // factor, height // factor)
+    if is_opaque(rgba):
+        return np.asarray(cv2.resize(rgba, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    if not rgba[..., 3].any():
+        return np.zeros((size[1], size[0], 4), np.uint8)
+    return _straight(cv2.resize(_premultiplied(rgba), size, interpolation=cv2.INTER_AREA))
+
+
+def sample(
+    rgba: Rgba, x_px: npt.NDArray[np.float64], y_px: npt.NDArray[np.float64], *, shrink_xy: tuple[float, float] = (1, 1)
+) -> Rgba:
+    """Return the image at ``(h, w)`` pixel-centre coordinates, bicubic; transparent outside and where they are NaN.
+
+    ``shrink_xy`` is how many pixels lie between neighbouring samples: above 1, a Gaussian first removes what the
+    samples cannot carry.
+    """
+    map_x = np.where(np.isfinite(x_px), x_px, _OUTSIDE).clip(_OUTSIDE, -_OUTSIDE).astype(np.float32)
+    map_y = np.where(np.isfinite(y_px), y_px, _OUTSIDE).clip(_OUTSIDE, -_OUTSIDE).astype(np.float32)
+    inside = (
+        float(map_x.min()) >= 1.0
+        and float(map_y.min()) >= 1.0
+        and float(map_x.max()) <= rgba.shape[1] - 3.0
+        and float(map_y.max()) <= rgba.shape[0] - 3.0
+    )
+    if inside and is_opaque(rgba):
+        return np.asarray(cv2.remap(_soften(rgba, shrink_xy), map_x, map_y, cv2.INTER_CUBIC), dtype=np.uint8)
+    if not rgba[..., 3].any():
+        return np.zeros((*map_x.shape, 4), np.uint8)
+    # Pad before the Gaussian, so that the map's own edge at the window's edge fades like any other.
+    padded = cv2.copyMakeBorder(_premultiplied(rgba), 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=(0, 0, 0, 0))
+    soft = _soften(padded, shrink_xy)
+    return _straight(
+        cv2.remap(soft, map_x + 4, map_y + 4, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
+    )
+
+
+def _soften(image: npt.NDArray[Any], shrink_xy: tuple[float, float]) -> npt.NDArray[Any]:
+    """Blur by what turns the sampling interval from one pixel into ``shrink_xy`` pixels."""
+    sigma_x, sigma_y = (_ANTIALIAS_SIGMA * max(s * s - 1.0, 0.0) ** 0.5 for s in shrink_xy)
+    if max(sigma_x, sigma_y) < 0.15:  # the kernel would be a single pixel
+        return image
+    # cv2 reads sigma 0 as "the same as the other axis": a tiny one is none.
+    return np.asarray(
+        cv2.GaussianBlur(
+            image, (0, 0), sigmaX=max(sigma_x, 1e-3), sigmaY=max(sigma_y, 1e-3), borderType=cv2.BORDER_REPLICATE
+        )
+    )
+
+
+def _premultiplied(rgba: Rgba) -> npt.NDArray[np.float32]:
+    out = rgba.astype(np.float32)
+    out[..., :3] *= out[..., 3:] * (1.0 / 255.0)
+    return out
+
+
+def _straight(premultiplied: npt.NDArray[Any]) -> Rgba:
+    p = np.asarray(premultiplied, dtype=np.float32)
+    alpha = p[..., 3:].clip(0.0, 255.0)
+    # Bicubic overshoots: colour must not exceed what its alpha can carry.
+    colour = np.divide(p[..., :3] * 255.0, alpha, out=np.zeros_like(p[..., :3]), where=alpha >= 0.5)
+    out = np.empty(p.shape, np.uint8)
+    np.rint(colour.clip(0.0, 255.0), out=colour)
+    out[..., :3] = colour
+    out[..., 3:] = np.rint(alpha)
+    out[out[..., 3] == 0] = 0
+    return out

@@ -1,0 +1,288 @@
+"""The one transform path: a map read on any other grid, window by window, whatever the format.
+
+Every export and the live view read through here, so that a landmark lies at the same place in all of them. A window of
+the target is transformed exactly (PROJ) on a lattice and linearly between, the lattice refined until that is true to a
+hundredth of a pixel; the source is shrunk first where many of its pixels fall into one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.errors import UsageError
+from photomap_gis.core.grid import MapGrid, Window
+from photomap_gis.core.mosaic import TileSource
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.export.crs import PointMap, bounds_in, needs_place, parse_crs, point_map, same_crs
+from photomap_gis.export.pixel_grid import PixelGrid
+from photomap_gis.export.pixels import Rgba, sample, shrink
+
+_BLOCK_PX = 1024  # the target is resampled in blocks of this side
+_CHUNK_PX = 2048  # the source is read for shrinking in chunks of about this side
+_LATTICE_PX = 64
+_LATTICE_TOLERANCE_PX = 0.01
+_SAME_PX = 1e-4  # grids that differ by less than this part of a pixel are one
+_MAX_SIDE_PX = 2_000_000_000
+_CROSS = np.array([[-0.5, 0.0], [0.5, 0.0], [0.0, -0.5], [0.0, 0.5]])
+
+
+def warped(source: TileSource, grid: MapGrid) -> TileSource:
+    """Return the map on another grid; the map itself, or its pixels moved by whole ones, where the grids allow it."""
+    old = source.grid
+    if same_crs(old.crs_wkt, grid.crs_wkt) and old.pixel_size == grid.pixel_size:
+        shift = old.to_px(grid.to_crs([[0.0, 0.0]]))[0]
+        col, row = (round(float(v)) for v in shift)
+        if abs(shift[0] - col) < _SAME_PX and abs(shift[1] - row) < _SAME_PX:
+            return source if grid == old else ShiftedSource(source, grid, col, row)
+    return WarpedSource(source, grid, Resampler(source, grid))
+
+
+def target_grid(source_grid: MapGrid, crs: str, pixel_size: float | None = None) -> MapGrid:
+    """Return the grid in another CRS that holds all of ``source_grid``, its corner a whole multiple of a pixel.
+
+    ``pixel_size`` is in units of ``crs``; by default the finer side of a source pixel as it lies there, or the source's
+    own size where the two differ by less than a map's scale factor does (0.2 %).
+    """
+    target_wkt = parse_crs(crs).to_wkt()
+    source_wkt = needs_place(source_grid.crs_wkt, f"a map in {crs}")
+    if same_crs(source_wkt, target_wkt):
+        target_wkt, bounds, native = source_wkt, source_grid.bounds, source_grid.pixel_size
+    else:
+        bounds = bounds_in(source_grid.bounds, source_wkt, target_wkt)  # type: ignore[assignment]
+        native = min(pixel_steps(source_grid, target_wkt))
+        if abs(native / source_grid.pixel_size - 1.0) < 2e-3:
+            native = source_grid.pixel_size
+    size = native if pixel_size is None else pixel_size
+    if not (math.isfinite(size) and size > 0):
+        raise UsageError(f"the pixel size must be positive, got {size}")
+    if pixel_size is None and target_wkt is source_wkt:
+        return source_grid
+    west, south = (math.floor(v / size + 1e-9) for v in bounds[:2])
+    east, north = (math.ceil(v / size - 1e-9) for v in bounds[2:])
+    if max(east - west, north - south) > _MAX_SIDE_PX:
+        raise UsageError(
+            f"a pixel size of {size:g} makes a map of {east - west} x {north - south} pixels: choose larger"
+        )
+    return MapGrid(
+        target_wkt, west * size, north * size, size, max(1, east - west), max(1, north - south), source_grid.tile_size
+    )
+
+
+def pixel_steps(grid: MapGrid, crs_wkt: str) -> tuple[float, float]:
+    """Return how far apart pixels lie along x and along y of another CRS, in its units, at the grid's centre."""
+    centre = np.array([grid.width / 2.0, grid.height / 2.0])
+    p = grid.to_crs(centre + _CROSS)
+    q = point_map(grid.crs_wkt or "", crs_wkt, around_xy=p)(p)
+    d = np.stack([q[1] - q[0], q[3] - q[2]], axis=1)
+    if not np.isfinite(d).all():
+        raise UsageError("the map does not fit into that coordinate reference system: choose one made for its region")
+    return float(np.hypot(*d[0])), float(np.hypot(*d[1]))
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftedSource:
+    """The same pixels counted from another corner."""
+
+    source: TileSource
+    grid: MapGrid
+    col: int
+    row: int
+
+    @property
+    def revision(self) -> int:
+        """The source's."""
+        return self.source.revision
+
+    def read(self, window: Window) -> Rgba:
+        """``(height, width, 4)`` RGBA, transparent beyond the grid."""
+        c, r, w, h = window
+        return _cut(self.source.read(Window(c + self.col, r + self.row, w, h)), window, self.grid)
+
+
+@dataclass(frozen=True, slots=True)
+class WarpedSource:
+    """A map resampled onto another grid."""
+
+    source: TileSource
+    grid: MapGrid
+    resampler: Resampler
+
+    @property
+    def revision(self) -> int:
+        """The source's."""
+        return self.source.revision
+
+    def read(self, window: Window) -> Rgba:
+        """``(height, width, 4)`` RGBA, transparent beyond the grid."""
+        return _cut(self.resampler.read(window), window, self.grid)
+
+
+@dataclass(frozen=True, slots=True)
+class OverviewSource:
+    """The map shrunk by a whole number; its last column and row may hold a part of a pixel only."""
+
+    source: TileSource
+    factor: int
+    grid: MapGrid = field(init=False)
+
+    def __post_init__(self) -> None:
+        g, f = self.source.grid, self.factor
+        if f < 1:
+            raise ValueError(f"factor must be at least 1, got {f}")
+        size = (-(-g.width // f), -(-g.height // f))
+        object.__setattr__(self, "grid", MapGrid(g.crs_wkt, g.west, g.north, g.pixel_size * f, *size, g.tile_size))
+
+    @property
+    def revision(self) -> int:
+        """The source's."""
+        return self.source.revision
+
+    def read(self, window: Window) -> Rgba:
+        """``(height, width, 4)`` RGBA, the alpha-weighted mean of ``factor`` x ``factor`` pixels."""
+        return read_shrunk(self.source, window, self.factor)
+
+
+def overview(source: TileSource, factor: int) -> TileSource:
+    """Return the map shrunk ``factor`` times, read in bounded pieces."""
+    return source if factor == 1 else OverviewSource(source, factor)
+
+
+class Resampler:
+    """A plan to read ``source`` on the pixels of ``grid``, also beyond its edges; precomputed, without other memory."""
+
+    def __init__(self, source: TileSource, grid: PixelGrid) -> None:
+        self.source, self.grid = source, grid
+        self._to_source = _pixel_map(grid, source.grid)
+        shrink_xy = _shrink(source.grid, grid)
+        self._factor = max(1, math.floor(min(shrink_xy) + 1e-6))
+        self._rest = (shrink_xy[0] / self._factor, shrink_xy[1] / self._factor)
+        self._margin = 4 + math.ceil(2.2 * max(0.0, max(self._rest) - 1.0) + 1.0)
+
+    def read(self, window: Window) -> Rgba:
+        """``(height, width, 4)`` RGBA of a window of the target's pixels."""
+        out = np.zeros((window.height, window.width, 4), np.uint8)
+        for r in range(0, window.height, _BLOCK_PX):
+            for c in range(0, window.width, _BLOCK_PX):
+                h, w = min(_BLOCK_PX, window.height - r), min(_BLOCK_PX, window.width - c)
+                block = self._read_block(Window(window.col_off + c, window.row_off + r, w, h))
+                if block is not None:
+                    out[r : r + h, c : c + w] = block
+        return out
+
+    def _read_block(self, window: Window) -> Rgba | None:
+        x, y = lattice(self._to_source, window)
+        f, g = self._factor, self.source.grid
+        # A shrunk pixel i is the mean of pixels i f ... i f + f - 1: its centre lies at i f + (f - 1) / 2.
+        x, y = (x - (f - 1) / 2.0) / f, (y - (f - 1) / 2.0) / f
+        if not (np.isfinite(x).any() and np.isfinite(y).any()):
+            return None
+        cols, rows = -(-g.width // f), -(-g.height // f)
+        left = max(0, math.floor(float(np.nanmin(x)) + 0.0) - self._margin)
+        top = max(0, math.floor(float(np.nanmin(y)) + 0.0) - self._margin)
+        right = min(cols, math.ceil(float(np.nanmax(x))) + self._margin + 1)
+        bottom = min(rows, math.ceil(float(np.nanmax(y))) + self._margin + 1)
+        if right <= left or bottom <= top:
+            return None
+        piece = read_shrunk(self.source, Window(left, top, right - left, bottom - top), f)
+        return sample(piece, x - left, y - top, shrink_xy=self._rest)
+
+
+def lattice(point_map_px: PointMap, window: Window) -> tuple[FloatArray, FloatArray]:
+    """Return ``(h, w)`` x and y to which the pixels of a window are mapped, true to a hundredth of a pixel.
+
+    The map is exact on a lattice and linear between; where the middle of a cell says that this is not enough, the
+    lattice is refined, at last to every pixel.
+    """
+    step = _LATTICE_PX
+    while step > 4:
+        cols, rows = (math.ceil((n - 1) / step) + 1 if n > 1 else 1 for n in (window.width, window.height))
+        nodes = _points_at(point_map_px, window, np.arange(cols) * float(step), np.arange(rows) * float(step))
+        if cols == 1 or rows == 1:
+            break
+        middles = _points_at(
+            point_map_px, window, (np.arange(cols - 1) + 0.5) * step, (np.arange(rows - 1) + 0.5) * step
+        )
+        guess = (nodes[:-1, :-1] + nodes[1:, :-1] + nodes[:-1, 1:] + nodes[1:, 1:]) / 4.0
+        error = np.abs(guess - middles).max()
+        if error <= _LATTICE_TOLERANCE_PX:  # also False for NaN
+            along_x, along_y = _tent(window.width, step, cols), _tent(window.height, step, rows)
+            return along_y @ nodes[..., 0] @ along_x.T, along_y @ nodes[..., 1] @ along_x.T
+        step //= 2
+    exact = _points_at(point_map_px, window, np.arange(window.width) * 1.0, np.arange(window.height) * 1.0)
+    return exact[..., 0], exact[..., 1]
+
+
+def read_shrunk(source: TileSource, window: Window, factor: int) -> Rgba:
+    """``(height, width, 4)`` of the map shrunk ``factor`` times, the window counted in shrunk pixels.
+
+    The map itself is read in chunks, so that memory does not grow with ``factor``.
+    """
+    if factor == 1:
+        return source.read(window)
+    out = np.zeros((window.height, window.width, 4), np.uint8)
+    g, side = source.grid, max(1, _CHUNK_PX // factor)
+    for r in range(0, window.height, side):
+        for c in range(0, window.width, side):
+            h, w = min(side, window.height - r), min(side, window.width - c)
+            col, row = (window.col_off + c) * factor, (window.row_off + r) * factor
+            if col >= g.width or row >= g.height or col + w * factor <= 0 or row + h * factor <= 0:
+                continue
+            out[r : r + h, c : c + w] = shrink(source.read(Window(col, row, w * factor, h * factor)), factor)
+    return out
+
+
+def _cut(rgba: Rgba, window: Window, grid: MapGrid) -> Rgba:
+    """Clear what lies beyond the grid."""
+    c, r, w, h = window
+    left, top = max(0, -c), max(0, -r)
+    right, bottom = min(w, grid.width - c), min(h, grid.height - r)
+    if (left, top, right, bottom) == (0, 0, w, h):
+        return rgba
+    out = np.zeros_like(rgba)
+    if right > left and bottom > top:
+        out[top:bottom, left:right] = rgba[top:bottom, left:right]
+    return out
+
+
+def _pixel_map(grid: PixelGrid, source_grid: MapGrid) -> PointMap:
+    """Return the map from the target's pixel-centre coordinates to the source's."""
+    if same_crs(grid.crs_wkt, source_grid.crs_wkt):
+        return lambda xy: source_grid.to_px(grid.to_crs(xy))
+    wkt = needs_place(source_grid.crs_wkt, "a map in another coordinate reference system")
+    target_wkt = needs_place(grid.crs_wkt, "a map in another coordinate reference system")
+    outline = bounds_in(source_grid.bounds, wkt, target_wkt)
+    corners = np.array([[x, y] for x in outline[0::2] for y in outline[1::2]])
+    between = point_map(target_wkt, wkt, around_xy=corners)
+    return lambda xy: source_grid.to_px(between(grid.to_crs(xy)))
+
+
+def _shrink(source_grid: MapGrid, grid: PixelGrid) -> tuple[float, float]:
+    """Return how many source pixels (along x, along y) one target pixel spans, where the source's middle lies."""
+    middle = np.array([[source_grid.width / 2.0, source_grid.height / 2.0]])
+    on_ground = source_grid.to_crs(middle)
+    if not same_crs(source_grid.crs_wkt, grid.crs_wkt):
+        on_ground = point_map(source_grid.crs_wkt or "", grid.crs_wkt or "", around_xy=on_ground)(on_ground)
+    around = grid.to_px(on_ground) + _CROSS
+    q = _pixel_map(grid, source_grid)(around)
+    d = np.stack([q[1] - q[0], q[3] - q[2]], axis=1)
+    if not np.isfinite(d).all():
+        raise UsageError("the map does not fit into that coordinate reference system: choose one made for its region")
+    return float(np.hypot(*d[0])), float(np.hypot(*d[1]))
+
+
+def _points_at(point_map_px: PointMap, window: Window, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
+    """``(len(y), len(x), 2)`` the mapped points at offsets within the window."""
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    grid_x, grid_y = np.meshgrid(x + window.col_off, y + window.row_off)
+    p = point_map_px(np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1))
+    return np.where(np.isfinite(p), p, np.nan).reshape(len(y), len(x), 2)
+
+
+def _tent(count: int, step: int, nodes: int) -> FloatArray:
+    """``(count, nodes)`` weights of linear interpolation between nodes ``step`` apart."""
+    t = np.arange(count)[:, None] / step - np.arange(nodes)[None, :]
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(t)), dtype=np.float64)

@@ -1,0 +1,112 @@
+"""The tile pyramid of web maps (EPSG:3857, 256 pixels), shared by the folder of tiles and MBTiles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+from photomap_gis.core.errors import DataError, UsageError
+from photomap_gis.core.grid import MapGrid, Window
+from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.crs import WEB_MERCATOR, WGS84, bounds_in, needs_place, parse_crs, same_crs
+from photomap_gis.export.encode import TileFormat, encode, in_threads
+from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
+from photomap_gis.export.warp import Resampler, pixel_steps
+
+TILE_PX = 256
+_HALF_WORLD_M = math.pi * 6378137.0
+_FINEST_ZOOM = 26
+_ZOOMS_BELOW_ONE_TILE = 4
+_LATITUDE_LIMIT_M = _HALF_WORLD_M * (1 + 1e-9)
+
+OnProgress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class WebTiles:
+    """A planned pyramid: zooms from the widest to the finest, and the map's box in degrees."""
+
+    pyramid: Pyramid
+    min_zoom: int
+    max_zoom: int
+    bounds_deg: tuple[float, float, float, float]
+
+    @property
+    def centre(self) -> tuple[float, float, int]:
+        """Longitude, latitude, and a zoom at which the map fills a small window."""
+        west, south, east, north = self.bounds_deg
+        zoom = min(self.max_zoom, max(self.min_zoom, self.min_zoom + _ZOOMS_BELOW_ONE_TILE + 1))
+        return ((west + east) / 2.0, (south + north) / 2.0, zoom)
+
+    def encoded(
+        self, tile_format: TileFormat, on_progress: OnProgress | None = None
+    ) -> Iterator[tuple[TileKey, bytes]]:
+        """Yield every tile's key (row from the north) and its bytes, children before parents."""
+        total, done = len(self.pyramid.keys(self.max_zoom)), 0
+        for key, data in in_threads(partial(_encoded, tile_format), self.pyramid.tiles()):
+            # Across the antimeridian columns run on beyond the last: there they start again from the west.
+            yield TileKey(key.zoom, key.x % (1 << key.zoom), key.y), data
+            if key.zoom == self.max_zoom:
+                done += 1
+                if on_progress is not None:
+                    on_progress(min(done, total), total)
+        if on_progress is not None:
+            on_progress(total, total)
+
+
+def plan_web_tiles(
+    source: TileSource, what: str, *, min_zoom: int | None = None, max_zoom: int | None = None
+) -> WebTiles:
+    """Return the plan to cut a map into web tiles.
+
+    The finest zoom is the one nearest to the map's own pixel size at its latitude; the widest is a few above where the
+    map fits into one tile, so that it does not vanish at the first step back. ``what`` names the format in errors.
+    """
+    crs = needs_place(source.grid.crs_wkt, what)
+    mercator = parse_crs(WEB_MERCATOR).to_wkt()
+    west, south, east, north = (
+        source.grid.bounds if same_crs(crs, mercator) else bounds_in(source.grid.bounds, crs, mercator)
+    )
+    if max(abs(south), abs(north)) > _LATITUDE_LIMIT_M:
+        raise DataError(f"{what} ends at 85 degrees of latitude and this map lies beyond: use --geotiff")
+    native = _nearest_zoom(min(pixel_steps(source.grid, mercator)))
+    finest = native if max_zoom is None else _checked("max_zoom", max_zoom)
+    leaf = max(native, finest)  # coarser tiles are made of native ones: no detail is skipped on the way
+    size_m = 2.0 * _HALF_WORLD_M / (TILE_PX << leaf)
+    left, top = (math.floor(v / size_m + 1e-6) for v in (west + _HALF_WORLD_M, _HALF_WORLD_M - north))
+    right, bottom = (math.ceil(v / size_m - 1e-6) for v in (east + _HALF_WORLD_M, _HALF_WORLD_M - south))
+    extent = Window(left, top, max(1, right - left), max(1, bottom - top))
+    one_tile = leaf - math.ceil(math.log2(max(1.0, max(extent.width, extent.height) / TILE_PX)))
+    widest = (
+        max(0, min(finest, one_tile - _ZOOMS_BELOW_ONE_TILE)) if min_zoom is None else _checked("min_zoom", min_zoom)
+    )
+    if widest > finest:
+        raise UsageError(f"the widest zoom ({widest}) must not lie beyond the finest ({finest})")
+    world = MapGrid(mercator, -_HALF_WORLD_M, _HALF_WORLD_M, size_m, TILE_PX << leaf, TILE_PX << leaf, TILE_PX)
+    pyramid = Pyramid(Resampler(source, world), extent, leaf, widest, finest, TILE_PX)
+    return WebTiles(pyramid, widest, finest, lon_lat_bounds(source.grid, what))
+
+
+def lon_lat_bounds(grid: MapGrid, what: str) -> tuple[float, float, float, float]:
+    """Return west, south, east, north in WGS84 degrees within ±180; the whole world's width across the antimeridian."""
+    crs = needs_place(grid.crs_wkt, what)
+    west, south, east, north = grid.bounds if same_crs(crs, WGS84) else bounds_in(grid.bounds, crs, WGS84)
+    if west < -180.0 or east > 180.0:
+        west, east = -180.0, 180.0
+    return (west, max(south, -90.0), east, min(north, 90.0))
+
+
+def _encoded(tile_format: TileFormat, tile: Tile) -> tuple[TileKey, bytes]:
+    return tile.key, encode(tile.rgba, tile_format)
+
+
+def _nearest_zoom(pixel_m: float) -> int:
+    return max(0, min(_FINEST_ZOOM, round(math.log2(2.0 * _HALF_WORLD_M / TILE_PX / pixel_m))))
+
+
+def _checked(name: str, zoom: int) -> int:
+    if not 0 <= zoom <= _FINEST_ZOOM:
+        raise UsageError(f"{name} must lie between 0 and {_FINEST_ZOOM}, got {zoom}")
+    return zoom
