@@ -1,0 +1,73 @@
+"""Random fields for scenes and random walks for flights, all from a given generator."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.similarity import FloatArray
+
+FloatImage = npt.NDArray[np.float32]
+
+
+def fractal_noise(
+    shape: tuple[int, int], rng: np.random.Generator, *, wavelength_px: float, octaves: int = 4, gain: float = 0.5
+) -> FloatImage:
+    """``shape`` float32 smooth noise of mean 0 and sigma about 1, coarsest detail ``wavelength_px`` pixels wide."""
+    h, w = shape
+    out = np.zeros(shape, np.float32)
+    amplitude, power = 1.0, 0.0
+    for octave in range(octaves):
+        step = wavelength_px / 2**octave
+        if step < 1.0:
+            break
+        # a grid that overhangs by a cell and is cut: otherwise every octave would share its nodes with the border
+        gh, gw = int(h / step) + 4, int(w / step) + 4
+        grid = rng.standard_normal((gh, gw)).astype(np.float32)
+        # 1.18: cubic interpolation between independent nodes loses a part of their sigma
+        scale = np.float32(amplitude * 1.18)
+        x0, y0 = rng.uniform(1.0, 2.0, 2)
+        to_grid = np.array([[1.0 / step, 0.0, x0], [0.0, 1.0 / step, y0]])
+        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+        out += scale * cv2.warpAffine(grid, to_grid, (w, h), flags=flags, borderMode=cv2.BORDER_REFLECT)
+        power += amplitude**2
+        amplitude *= gain
+    return out / np.float32(max(power, 1e-9) ** 0.5)
+
+
+def gauss_markov(times_s: npt.ArrayLike, *, sigma: float, tau_s: float, rng: np.random.Generator) -> FloatArray:
+    """``(N,)`` first-order Gauss-Markov process at increasing times: sigma everywhere, correlation exp(-dt / tau).
+
+    A ``tau_s`` of 0 gives white noise.
+    """
+    t = np.asarray(times_s, dtype=np.float64)
+    n = rng.standard_normal(len(t))
+    out = np.empty(len(t))
+    if len(t) == 0 or sigma == 0.0:
+        return np.zeros(len(t))
+    decay = np.exp(-np.diff(t) / tau_s) if tau_s > 0 else np.zeros(len(t) - 1)
+    out[0] = n[0]
+    for k in range(1, len(t)):
+        a = decay[k - 1]
+        out[k] = a * out[k - 1] + np.sqrt(1.0 - a * a) * n[k]
+    return sigma * out
+
+
+def smooth_process(times_s: FloatArray, *, sigma: float, tau_s: float, rng: np.random.Generator) -> FloatArray:
+    """``(N,)`` process of the given sigma that moves without jumps: smooth enough to have a rate (a body's sway).
+
+    Drawn at nodes half a time constant apart and interpolated by Catmull-Rom, so it does not depend on the sampling.
+    """
+    t = np.asarray(times_s, dtype=np.float64)
+    if len(t) == 0 or sigma == 0.0:
+        return np.zeros(len(t))
+    step = max(tau_s, 1e-3) * 0.7
+    nodes = rng.standard_normal(int((t[-1] - t[0]) / step) + 5)
+    x = (t - t[0]) / step + 1.0
+    k = x.astype(int)
+    f = x - k
+    p0, p1, p2, p3 = (nodes[k + i] for i in (-1, 0, 1, 2))
+    cubic = p1 + 0.5 * f * (p2 - p0 + f * (2 * p0 - 5 * p1 + 4 * p2 - p3 + f * (3 * (p1 - p2) + p3 - p0)))
+    # 1.08: interpolation between independent nodes loses a part of their sigma
+    return np.asarray(sigma * 1.08 * cubic, dtype=np.float64)
