@@ -1,0 +1,76 @@
+"""Telemetry inside video files: MISB KLV in transport streams, DJI's subtitles in MP4."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+from av.error import FFmpegError
+
+from photomap_gis.core.errors import DataError
+from photomap_gis.ingest.options import SrtOrder
+from photomap_gis.ingest.telemetry.klv import UAS_KEY, KlvPacket, packets_of, track_of_packets
+from photomap_gis.ingest.telemetry.srt import track_of_entries
+from photomap_gis.ingest.telemetry.track import Track
+
+_MAX_SUBTITLE_BYTES = 64 * 1024
+_MAX_PACKETS = 5_000_000
+
+
+def read_media(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track:
+    """Return the track embedded in a video; ``DataError`` where there is none."""
+    track = find_embedded(path, order=order)
+    if track is None:
+        raise DataError(f"{path}: no telemetry is embedded in this video; give a log by --track FILE")
+    return track
+
+
+def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | None:
+    """Return the track embedded in a video, ``None`` where there is none: data that is not telemetry is no error."""
+    klv: list[tuple[float | None, KlvPacket | None]] = []
+    subtitles: list[tuple[float | None, str]] = []
+    try:
+        with av.open(str(path), metadata_errors="ignore") as container:
+            video = next(iter(container.streams.video), None)
+            wanted = [s for s in container.streams if s.type in ("data", "subtitle")]
+            if not wanted:
+                return None
+            start_s = float(video.start_time * video.time_base) if video and video.start_time is not None else 0.0
+            pending = bytearray()
+            for count, packet in enumerate(container.demux(wanted)):
+                if count > _MAX_PACKETS:
+                    break
+                if packet.size == 0:
+                    continue
+                second = None if packet.pts is None else float(packet.pts * packet.time_base) - start_s
+                data = bytes(packet)
+                if packet.stream.type == "subtitle":
+                    if len(data) <= _MAX_SUBTITLE_BYTES:
+                        subtitles.append((second, _mov_text(data)))
+                elif UAS_KEY in data or pending:
+                    # A packet may be split over several; asynchronous ones carry no time stamp.
+                    pending += data
+                    found = list(packets_of(bytes(pending)))
+                    if found and found[-1] is None and len(pending) < 1 << 18:
+                        continue
+                    klv += [(second, p) for p in found]
+                    pending.clear()
+    except FFmpegError:
+        if not klv and not subtitles:
+            return None
+    if klv:
+        try:
+            return track_of_packets(klv, str(path))
+        except DataError:
+            pass
+    if subtitles:
+        track = track_of_entries(subtitles, str(path), order=order)
+        return track if track.points else None
+    return None
+
+
+def _mov_text(data: bytes) -> str:
+    """Return the text of a QuickTime text sample: two bytes of length, the text, then styles."""
+    length = int.from_bytes(data[:2], "big")
+    body = data[2 : 2 + length] if 0 < length <= len(data) - 2 else data
+    return body.decode("utf-8", errors="replace")

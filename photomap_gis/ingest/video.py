@@ -1,0 +1,330 @@
+"""From video files to footage: recordings, their telemetry, and which of their frames enter the map."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from photomap_gis.core.camera import Camera
+from photomap_gis.core.errors import DataError
+from photomap_gis.core.frame import Flight, Footage, FrameRef
+from photomap_gis.ingest.decode import (
+    FrameIndex,
+    VideoInfo,
+    frame_index,
+    probe,
+    read_video_frame,
+    read_video_frames,
+)
+from photomap_gis.ingest.lenses import LensFacts, camera_for
+from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.ingest.sampling import DEFAULT_RATE_HZ, choose_frames, sampling_rates
+from photomap_gis.ingest.splits import group_splits
+from photomap_gis.ingest.sync import Placed, place_frames
+from photomap_gis.ingest.telemetry import TRACK_SUFFIXES, Clock, Track, TrackPoint, read_track
+from photomap_gis.ingest.telemetry.media import find_embedded
+
+__all__ = [
+    "VideoInfo",
+    "frame_index",
+    "probe",
+    "read_video_frame",
+    "read_video_frames",
+    "video_footage",
+]
+
+logger = logging.getLogger(__name__)
+
+_PLAN_STEP_S = 0.5
+"""How finely the track is looked at to choose the frames."""
+
+_HFOV_STEP_RAD = math.radians(0.02)
+_HFOV_SIGMA_REL = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """One file of a recording: ``base_s`` is its first frame's second of the whole recording."""
+
+    info: VideoInfo
+    index: FrameIndex
+    base_s: float
+    track: Track | None
+
+
+@dataclass(slots=True)
+class _Ledger:
+    """What is collected while the recordings are gone through."""
+
+    frames: list[FrameRef] = field(default_factory=list)
+    flights: list[Flight] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def video_footage(
+    paths: Sequence[Path],
+    options: IngestOptions | None = None,
+    *,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Footage:
+    """Return the footage of video files: split files joined to flights, telemetry found, frames chosen.
+
+    Frames and flights are numbered from 0. A file that cannot be read is named in a warning and left out; ``DataError``
+    where none is left. A video without telemetry gives frames without a fix, and a warning.
+    """
+    options = options or IngestOptions()
+    ledger = _Ledger()
+    infos = _probe_all(paths, ledger.warnings)
+    forced = None if options.track is None else read_track(options.track, srt_order=options.srt_order)
+    if forced is not None:
+        ledger.warnings += forced.warnings
+    done = 0
+    for recording in group_splits(infos):
+        pieces = _pieces(recording, forced, options, ledger.warnings)
+        if pieces:
+            _add_flight(pieces, forced, options, ledger)
+        done += len(recording)
+        if on_progress is not None:
+            on_progress(done, len(infos))
+    if not ledger.frames:
+        raise DataError("; ".join(ledger.warnings) or "no video holds a frame that can be used; give other files")
+    return Footage(tuple(ledger.frames), tuple(ledger.flights), tuple(dict.fromkeys(ledger.warnings)))
+
+
+def find_track(info: VideoInfo, options: IngestOptions, warnings: list[str]) -> Track | None:
+    """Return the telemetry beside a video (same stem, any case) or inside it, ``None`` where there is none."""
+    for path in _beside(info.path):
+        try:
+            track = read_track(path, srt_order=options.srt_order)
+        except DataError as error:
+            warnings.append(f"{error}")
+            continue
+        warnings += track.warnings
+        if track.points:
+            return track
+    if info.has_klv or info.has_subtitles:
+        track = find_embedded(info.path, order=options.srt_order)
+        if track is not None:
+            warnings += track.warnings
+            return track
+    return None
+
+
+def _beside(video: Path) -> list[Path]:
+    """Return the possible telemetry files of a video, best first."""
+    stems = {video.stem.lower(), video.name.lower()}
+    try:
+        found = [p for p in video.parent.iterdir() if p.stem.lower() in stems and p.suffix.lower() in TRACK_SUFFIXES]
+    except OSError:
+        return []
+    return sorted((p for p in found if p.is_file()), key=lambda p: (TRACK_SUFFIXES.index(p.suffix.lower()), p.name))
+
+
+def _probe_all(paths: Sequence[Path], warnings: list[str]) -> list[VideoInfo]:
+    infos = []
+    errors = []
+    for path in paths:
+        try:
+            infos.append(probe(Path(path)))
+        except DataError as error:
+            errors.append(str(error))
+    if not infos:
+        raise DataError(errors[0] if errors else "no video was given; name a video file")
+    warnings += [f"left out: {e}" for e in errors]
+    return infos
+
+
+def _pieces(
+    recording: Sequence[VideoInfo], forced: Track | None, options: IngestOptions, warnings: list[str]
+) -> list[_Piece]:
+    """Open each file's index and telemetry; lay the files one behind the other."""
+    pieces: list[_Piece] = []
+    base_s = 0.0
+    for info in recording:
+        try:
+            index = frame_index(info.path)
+        except DataError as error:
+            warnings.append(f"left out: {error}")
+            continue
+        track = None if forced is not None else find_track(info, options, warnings)
+        if info.frame_count and len(index.pts) < 0.98 * info.frame_count:
+            warnings.append(
+                f"{info.path.name}: {len(index.pts)} of {info.frame_count} announced frames are there; "
+                "the file was cut short, copy it again from the card"
+            )
+        pieces.append(_Piece(info, index, base_s, track))
+        spacing_s = float(np.median(np.diff(index.times_s))) if len(index.pts) > 1 else 0.0
+        base_s += float(index.times_s[-1]) + spacing_s
+    return pieces
+
+
+def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestOptions, ledger: _Ledger) -> None:
+    flight = len(ledger.flights)
+    first = pieces[0].info
+    shared = forced if forced is not None else pieces[0].track
+    placements: list[tuple[_Piece, list[int], Placed | None, float | None]] = []
+    for piece in pieces:
+        # A file's own log counts from its first frame, one for the whole recording from the first file's.
+        own = forced is None and piece.track is not None
+        track = piece.track if own else shared
+        base_s = 0.0 if own else piece.base_s
+        start_utc_s = piece.info.start_utc_s if own else first.start_utc_s
+        numbers, placed = _sample(piece, track, base_s, start_utc_s, options, ledger.warnings)
+        began_s = _began_utc_s(piece, track, base_s, start_utc_s, ledger.warnings)
+        placements.append((piece, numbers, placed, began_s))
+    if shared is None and all(p.track is None for p in pieces):
+        ledger.warnings.append(
+            f"{first.path.name}: no telemetry was found beside or inside this video, so its map has no place on Earth; "
+            "give a log by --track FILE"
+        )
+    cameras: list[str] = []
+    for piece, numbers, placed, began_s in placements:
+        frames = _frames(piece, numbers, placed, began_s, flight, len(ledger.frames), options)
+        ledger.frames += frames
+        cameras += [f.camera.name for f in frames[:1] if f.camera is not None]
+    offsets = [placed.offset_s for _, _, placed, _ in placements if placed is not None]
+    used = shared or next((p.track for p in pieces if p.track is not None), None)
+    more = f" and {len(pieces) - 1} more" if len(pieces) > 1 else ""
+    ledger.flights.append(
+        Flight(
+            flight,
+            f"{first.path.stem}{more}",
+            next((c for c in cameras if c), f"{first.make} {first.model}".strip()),
+            kind="video",
+            track_source=None if used is None else used.source,
+            track_offset_s=offsets[0] if offsets else 0.0,
+        )
+    )
+
+
+def _sample(
+    piece: _Piece,
+    track: Track | None,
+    base_s: float,
+    start_utc_s: float | None,
+    options: IngestOptions,
+    warnings: list[str],
+) -> tuple[list[int], Placed | None]:
+    """Choose the frames of one file and place them."""
+    times_s = piece.index.times_s
+    if track is None or not track.points:
+        rate = options.frame_rate_hz or DEFAULT_RATE_HZ
+        return choose_frames(times_s, rate), None
+    rates = np.asarray(options.frame_rate_hz) if options.frame_rate_hz else None
+    if rates is None:
+        rates = _rates(piece, track, base_s, start_utc_s, options)
+    numbers = choose_frames(times_s, np.broadcast_to(rates, times_s.shape))
+    at_s = [base_s + t for t in times_s[numbers].tolist()]
+    placed = place_frames(at_s, track, start_utc_s=start_utc_s, options=options)
+    warnings += placed.warnings
+    return numbers, placed
+
+
+def _rates(piece: _Piece, track: Track, base_s: float, start_utc_s: float | None, options: IngestOptions) -> np.ndarray:
+    """``(N,)`` sampling rate at every frame of a file."""
+    times_s = piece.index.times_s
+    plan_s = np.arange(0.0, float(times_s[-1]) + _PLAN_STEP_S, _PLAN_STEP_S)
+    plan = place_frames((plan_s + base_s).tolist(), track, start_utc_s=start_utc_s, options=options)
+    camera = _camera_of(piece.info, _median_focal_35mm(plan.points), options)
+    aspect = piece.info.width_px / piece.info.height_px
+    rates = sampling_rates(plan.points, plan_s, hfov_rad=camera.hfov_rad, aspect=aspect)
+    return np.interp(times_s, plan_s, rates)
+
+
+def _began_utc_s(
+    piece: _Piece, track: Track | None, base_s: float, start_utc_s: float | None, warnings: list[str]
+) -> float | None:
+    """Return the Unix time of a file's first frame, as well as it is known."""
+    if track is not None and track.clock is Clock.VIDEO and track.epoch_utc_s is not None:
+        return track.epoch_utc_s + base_s
+    if start_utc_s is not None:
+        return start_utc_s + base_s
+    if track is not None and track.clock is Clock.VIDEO and track.epoch_local_s is not None:
+        warnings.append(f"{piece.info.path.name}: its times are local without a zone; they are taken for UTC")
+        return track.epoch_local_s + base_s
+    return None
+
+
+def _frames(
+    piece: _Piece,
+    numbers: Sequence[int],
+    placed: Placed | None,
+    began_s: float | None,
+    flight: int,
+    first_index: int,
+    options: IngestOptions,
+) -> list[FrameRef]:
+    info, times_s = piece.info, piece.index.times_s
+    points = placed.points if placed is not None else (None,) * len(numbers)
+    fixes = placed.fixes if placed is not None else (None,) * len(numbers)
+    typical_focal = _median_focal_35mm(points)
+    frames = []
+    for i, (number, point, fix) in enumerate(zip(numbers, points, fixes, strict=True)):
+        pts_s = float(times_s[number])
+        time_s = None if began_s is None else began_s + pts_s
+        if point is not None and placed is not None and placed.clock is Clock.UTC:
+            time_s = point.time_s  # a receiver's time, not a camera's
+        frames.append(
+            FrameRef(
+                index=first_index + i,
+                name=f"{info.path.stem}#{number:06d}",
+                source=str(info.path),
+                width_px=info.width_px,
+                height_px=info.height_px,
+                flight=flight,
+                frame_number=number,
+                pts_s=pts_s,
+                time_s=time_s,
+                fix=fix,
+                attitude=point.attitude if point else None,
+                height_m=point.height_m if point else None,
+                camera=_camera_at(info, point, typical_focal, options),
+            )
+        )
+    return frames
+
+
+def _median_focal_35mm(points: Sequence[TrackPoint | None]) -> float | None:
+    told = [p.focal_35mm for p in points if p is not None and p.focal_35mm is not None]
+    return median(told) if told else None
+
+
+def _camera_at(
+    info: VideoInfo, point: TrackPoint | None, typical_focal_35mm: float | None, options: IngestOptions
+) -> Camera:
+    """Return the camera of one frame: a log may follow its zoom."""
+    told = options.hfov_deg is not None or options.focal_35mm is not None
+    if not told and point is not None and point.hfov_rad is not None:
+        return _camera_of_hfov(info, round(point.hfov_rad / _HFOV_STEP_RAD) * _HFOV_STEP_RAD)
+    focal = point.focal_35mm if point is not None and point.focal_35mm is not None else typical_focal_35mm
+    return _camera_of(info, focal, options)
+
+
+@lru_cache(maxsize=256)
+def _camera_of_hfov(info: VideoInfo, hfov_rad: float) -> Camera:
+    name = f"{info.make} {info.model}".strip()
+    camera = Camera.of_hfov(info.width_px, info.height_px, hfov_rad, name=name, origin="telemetry")
+    return replace(camera, focal_sigma_rel=_HFOV_SIGMA_REL)
+
+
+@lru_cache(maxsize=256)
+def _camera_of(info: VideoInfo, focal_35mm: float | None, options: IngestOptions) -> Camera:
+    """Return the camera by the user's word, the log's equivalent focal length or the profile, in this order."""
+    camera = camera_for(
+        info.width_px,
+        info.height_px,
+        LensFacts(make=info.make, model=info.model, focal_35mm=focal_35mm),
+        hfov_deg=options.hfov_deg,
+        focal_35mm=options.focal_35mm,
+        is_video=True,
+    )
+    if focal_35mm is not None and camera.origin == "exif 35 mm equivalent":
+        return replace(camera, origin="telemetry 35 mm equivalent")
+    return camera
