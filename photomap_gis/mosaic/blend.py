@@ -1,0 +1,133 @@
+"""Who gives each pixel, and how neighbours meet: one frame's detail, everybody's low frequencies.
+
+Two bands. *Detail* comes from the one cheapest frame (``choice``), feathered over a few pixels only, so that frames
+that do not quite agree never show an object twice. *Low frequencies* are a wide consensus of all frames near the best
+choice, so that exposure does not step at the seams. Every frame is moved to the consensus by a smooth field (what it
+lacks, or has too much of), hence the detail of a frame needs to be resampled only where the frame is chosen.
+
+All weights are functions of the geometry alone: neighbouring tiles agree on them without knowing each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.mosaic.choice import TIER_COST, WIDE_REACH, Sighting, taper
+from photomap_gis.mosaic.lattice import Box, FloatImage, Lattice
+from photomap_gis.mosaic.views import FILL_TIER, View
+
+FEATHER_PX = 4
+"""Half the width of a seam; no more than ``STEP_PX``, the margin of a lattice's domain."""
+
+SLIVER_PX = 256
+"""A frame that gives a tile fewer pixels than this leaves them to others that see them."""
+
+_NOBODY = -1
+
+
+class Seen(NamedTuple):
+    """A view and how it sees a lattice's nodes."""
+
+    view: View
+    at_nodes: Sighting
+
+
+def labels_of(seen: Sequence[Seen], lattice: Lattice) -> npt.NDArray[np.int16]:
+    """Return for every pixel of the lattice's domain the index into ``seen`` of the frame that gives it, or -1."""
+    costs = [_dense_cost(one, lattice) for one in seen]
+    labels = _cheapest(costs, range(len(seen)), lattice)
+    counts = np.bincount(labels[labels >= 0], minlength=len(seen))
+    full = [i for i in range(len(seen)) if counts[i] >= SLIVER_PX]
+    if len(full) == int(np.count_nonzero(counts)):
+        return labels
+    fewer = _cheapest(costs, full, lattice)
+    # Take a sliver away only where someone else sees its ground.
+    return np.where(fewer != _NOBODY, fewer, labels)
+
+
+def detail_weights(labels: npt.NDArray[np.int16], index: int) -> tuple[Box, FloatImage] | None:
+    """Return where a frame's label reaches and its ``(height, width)`` weight there, feathered, not yet normalised."""
+    mask = (labels == index).astype(np.uint8)
+    x, y, w, h = cv2.boundingRect(mask)
+    if w == 0:
+        return None
+    left, top = max(x - FEATHER_PX, 0), max(y - FEATHER_PX, 0)
+    right, bottom = min(x + w + FEATHER_PX, mask.shape[1]), min(y + h + FEATHER_PX, mask.shape[0])
+    box = Box(left, top, right - left, bottom - top)
+    side = 2 * FEATHER_PX + 1
+    weight = cv2.blur(mask[box.slices].astype(np.float32), (side, side), borderType=cv2.BORDER_REPLICATE)
+    return box, weight
+
+
+def consensus_weights(seen: Sequence[Seen]) -> FloatImage:
+    """Return ``(N, rows, columns)`` weights of the frames' low frequencies at the nodes; they add up to 1, or to 0.
+
+    Frames placed by GPS alone have a say only where registered ones end: their ground may be some metres off.
+    """
+    shape = seen[0].at_nodes.cost.shape
+    weights = np.zeros((len(seen), *shape), dtype=np.float32)
+    registered = np.array([one.view.tier < FILL_TIER for one in seen])
+    if registered.all() or not registered.any():
+        weights[:], _ = _class_weights(seen)
+    else:
+        trusted, depth = _class_weights([one for one, is_ in zip(seen, registered, strict=True) if is_])
+        fills, fill_depth = _class_weights([one for one, is_ in zip(seen, registered, strict=True) if not is_])
+        weights[registered] = trusted * (depth + _LEAST)
+        weights[~registered] = fills * ((1.0 - depth) * fill_depth)
+    total = weights.sum(axis=0)
+    np.divide(weights, total, out=weights, where=total > 0)
+    return weights
+
+
+_LEAST = np.float32(1e-6)  # at the very edge of the map all tapers vanish together
+
+
+def _class_weights(seen: Sequence[Seen]) -> tuple[FloatImage, FloatImage]:
+    """Return normalised weights of frames of one class, and how deep inside one of them each node lies, 0 to 1."""
+    cost = np.stack([_cost_near(one) for one in seen])
+    best = np.min(cost, axis=0)
+    with np.errstate(invalid="ignore"):
+        near = np.maximum(1.0 - (cost - best) / WIDE_REACH, 0.0)
+    tapers = np.stack([np.nan_to_num(taper(one.view, one.at_nodes.border_px)) for one in seen])
+    weights = np.where(np.isfinite(cost), near * near * (tapers + _LEAST), 0.0)
+    total = weights.sum(axis=0)
+    weights = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
+    return weights.astype(np.float32), np.max(tapers, axis=0).astype(np.float32)
+
+
+def _cost_near(one: Seen) -> FloatImage:
+    """Return the cost at the nodes, infinite where the frame does not see them.
+
+    Nodes a little outside the raster count: pixels inside it are interpolated from them.
+    """
+    return np.where(np.isnan(one.at_nodes.cost), np.inf, one.at_nodes.cost)
+
+
+def _dense_cost(one: Seen, lattice: Lattice) -> FloatImage:
+    """Return ``(height, width)`` cost over the domain, NaN or infinite where the frame does not see the ground."""
+    cost = lattice.dense((one.at_nodes.cost + TIER_COST * one.view.tier).astype(np.float32))
+    if np.min(one.at_nodes.border_px) > 0.0:  # false where NaN
+        return cost
+    placement = one.view.placement
+    x = lattice.dense(one.at_nodes.x_px.astype(np.float32))
+    y = lattice.dense(one.at_nodes.y_px.astype(np.float32))
+    with np.errstate(invalid="ignore"):
+        inside = (np.abs(x - (placement.width_px - 1) / 2.0) <= placement.width_px / 2.0) & (
+            np.abs(y - (placement.height_px - 1) / 2.0) <= placement.height_px / 2.0
+        )
+    return np.where(inside, cost, np.inf)
+
+
+def _cheapest(costs: Sequence[FloatImage], indices: Sequence[int], lattice: Lattice) -> npt.NDArray[np.int16]:
+    best = np.full((lattice.height, lattice.width), np.inf, dtype=np.float32)
+    labels = np.full(best.shape, _NOBODY, dtype=np.int16)
+    for index in indices:
+        better = costs[index] < best
+        np.copyto(best, costs[index], where=better)
+        np.copyto(labels, np.int16(index), where=better)
+    return labels

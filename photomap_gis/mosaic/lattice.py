@@ -1,0 +1,80 @@
+"""A coarse lattice over a window of the map, and the way back to every pixel.
+
+Placements are asked on the lattice only; in between they are so nearly linear that bilinear interpolation is exact to
+a few hundredths of a pixel, however costly the camera model behind them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.grid import MapFrame, MapGrid, Window
+from photomap_gis.core.similarity import FloatArray
+
+STEP_PX = 8
+"""Distance of the nodes. Each lies in the middle of a block of this many pixels a side."""
+
+FloatImage = npt.NDArray[np.float32]
+
+
+class Box(NamedTuple):
+    """A rectangle of pixels of a lattice's domain."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns, to index an image with."""
+        return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """Nodes over a window and a margin of ``STEP_PX`` around it (the *domain*), one more ring of nodes outside that.
+
+    ``shape`` is the nodes' (rows, columns); ``nodes_xy_map_m`` is ``(rows * columns, 2)``.
+    """
+
+    width: int
+    height: int
+    shape: tuple[int, int]
+    nodes_xy_map_m: FloatArray
+
+    @classmethod
+    def over(cls, window: Window, grid: MapGrid, map_frame: MapFrame) -> Lattice:
+        """Return the lattice over a window of ``grid``."""
+        blocks_x, blocks_y = (-(-(side + 2 * STEP_PX) // STEP_PX) for side in (window.width, window.height))
+        x = window.col_off + (np.arange(-1, blocks_x + 1) - 0.5) * STEP_PX - 0.5
+        y = window.row_off + (np.arange(-1, blocks_y + 1) - 0.5) * STEP_PX - 0.5
+        xy_px = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return cls(
+            width=blocks_x * STEP_PX,
+            height=blocks_y * STEP_PX,
+            shape=(blocks_y + 2, blocks_x + 2),
+            nodes_xy_map_m=map_frame.from_crs(grid.to_crs(xy_px)),
+        )
+
+    @property
+    def domain(self) -> Box:
+        """All pixels of the domain; the window's first pixel is at (``STEP_PX``, ``STEP_PX``)."""
+        return Box(0, 0, self.width, self.height)
+
+    def dense(self, values: FloatImage, box: Box | None = None) -> FloatImage:
+        """Interpolate ``(rows, columns)`` or ``(rows, columns, k)`` node values to the pixels of ``box`` (all)."""
+        x, y, w, h = self.domain if box is None else box
+        # Node k is the centre of block k - 1: enlarged by STEP_PX its block begins at pixel (k - 1) * STEP_PX.
+        col0, row0 = x // STEP_PX, y // STEP_PX
+        col1, row1 = -(-(x + w) // STEP_PX) + 2, -(-(y + h) // STEP_PX) + 2
+        part = values[row0:row1, col0:col1]
+        size = (part.shape[1] * STEP_PX, part.shape[0] * STEP_PX)
+        large: FloatImage = cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)
+        left, top = x - (col0 - 1) * STEP_PX, y - (row0 - 1) * STEP_PX
+        return large[top : top + h, left : left + w]

@@ -1,0 +1,228 @@
+"""The map on disk: a grid and its tiles, each written whole or not at all, read by any window.
+
+A tile that nobody wrote is empty. A folder belongs to one *plan* (grid, placements): its fingerprint tells whether
+tiles that lie there still hold, so a run that was killed goes on where it stopped and never mixes two maps.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections import OrderedDict
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.errors import DataError, OutputError
+from photomap_gis.core.grid import MapGrid, TileIndex, Window
+
+RgbaArray = npt.NDArray[np.uint8]
+
+_FORMAT = 1
+_GRID_FILE = "grid.json"
+_CACHED_TILES = 48
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+
+
+class TileStore:
+    """A folder of tiles, read as ``core.mosaic.TileSource``; safe among threads.
+
+    ``grid.json`` says what the tiles are; ``<row>/<col>.png`` is a tile, ``<row>/<col>.empty`` one that was rendered
+    and shows nothing.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open an existing store; ``DataError`` where the folder holds none."""
+        self._folder = Path(folder)
+        head = _read_head(self._folder)
+        self._grid, self._revision, self._fingerprint = head
+        self._lock = threading.Lock()
+        self._decoded: OrderedDict[TileIndex, RgbaArray | None] = OrderedDict()
+        self._made_rows: set[int] = set()
+
+    @classmethod
+    def create(cls, folder: Path, grid: MapGrid, *, revision: int, fingerprint: str = "") -> TileStore:
+        """Open the store for writing; tiles that lie in the folder stay only if grid and fingerprint are the same."""
+        folder = Path(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not _holds(folder, grid, fingerprint):
+                # The head goes first: were we killed now, no reader would take what is left for a map.
+                (folder / _GRID_FILE).unlink(missing_ok=True)
+                _remove_tiles(folder)
+            write_atomically(folder / _GRID_FILE, _head_document(grid, revision, fingerprint))
+        except OSError as error:
+            raise _cannot_write(folder, error) from error
+        return cls(folder)
+
+    @property
+    def folder(self) -> Path:
+        """Where the tiles lie."""
+        return self._folder
+
+    @property
+    def grid(self) -> MapGrid:
+        """The map's grid."""
+        return self._grid
+
+    @property
+    def revision(self) -> int:
+        """The solution that the tiles show."""
+        return self._revision
+
+    @property
+    def fingerprint(self) -> str:
+        """What the tiles were made from."""
+        return self._fingerprint
+
+    def done(self, tile: TileIndex) -> bool:
+        """Whether the tile was written, empty or not."""
+        return self._path(tile).exists() or self._path(tile, ".empty").exists()
+
+    def write(self, tile: TileIndex, rgba: RgbaArray) -> None:
+        """Write a tile, ``(height, width, 4)`` RGBA of the size of the grid's window; whole or not at all."""
+        window = self._grid.window(tile)
+        if rgba.shape != (window.height, window.width, 4) or rgba.dtype != np.uint8:
+            raise ValueError(f"rgba must be uint8 {(window.height, window.width, 4)}, got {rgba.dtype} {rgba.shape}")
+        seen = bool(rgba[..., 3].any())
+        data = encode_png(rgba) if seen else b""
+        path, other = self._path(tile), self._path(tile, ".empty")
+        if not seen:
+            path, other = other, path
+        try:
+            if tile.row not in self._made_rows:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._made_rows.add(tile.row)
+            write_atomically(path, data)
+            other.unlink(missing_ok=True)
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+        with self._lock:
+            self._decoded.pop(tile, None)
+
+    def read(self, window: Window) -> RgbaArray:
+        """``(height, width, 4)`` RGBA; alpha 0 where nothing was seen, as where the window overhangs the grid."""
+        out = np.zeros((window.height, window.width, 4), dtype=np.uint8)
+        size = self._grid.tile_size
+        first_col, last_col = max(window.col_off, 0), min(window.col_off + window.width, self._grid.width)
+        first_row, last_row = max(window.row_off, 0), min(window.row_off + window.height, self._grid.height)
+        for row in range(first_row // size, -(-last_row // size)):
+            for col in range(first_col // size, -(-last_col // size)):
+                pixels = self._tile(TileIndex(row, col))
+                if pixels is None:
+                    continue
+                x, y = col * size, row * size
+                x0, x1 = max(x, first_col), min(x + pixels.shape[1], last_col)
+                y0, y1 = max(y, first_row), min(y + pixels.shape[0], last_row)
+                if x0 < x1 and y0 < y1:
+                    out[y0 - window.row_off : y1 - window.row_off, x0 - window.col_off : x1 - window.col_off] = pixels[
+                        y0 - y : y1 - y, x0 - x : x1 - x
+                    ]
+        return out
+
+    def _tile(self, tile: TileIndex) -> RgbaArray | None:
+        with self._lock:
+            if tile in self._decoded:
+                self._decoded.move_to_end(tile)
+                return self._decoded[tile]
+        pixels = self._decode(tile)
+        with self._lock:
+            self._decoded[tile] = pixels
+            while len(self._decoded) > _CACHED_TILES:
+                self._decoded.popitem(last=False)
+        return pixels
+
+    def _decode(self, tile: TileIndex) -> RgbaArray | None:
+        path = self._path(tile)
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise DataError(f"{path}: cannot be read ({error.strerror}); render the map again") from error
+        pixels = decode_png(data)
+        window = self._grid.window(tile)
+        if pixels is None or pixels.shape[:2] != (window.height, window.width):
+            raise DataError(f"{path}: the tile is damaged; remove it and render the map again")
+        return pixels
+
+    def _path(self, tile: TileIndex, suffix: str = ".png") -> Path:
+        return self._folder / f"{tile.row:05d}" / f"{tile.col:05d}{suffix}"
+
+
+def encode_png(rgba: RgbaArray) -> bytes:
+    """Return a PNG of ``(h, w, 4)`` RGBA; without its alpha where all of it is opaque (a quarter less to do)."""
+    opaque = bool(rgba[..., 3].min() == 255)
+    order = cv2.COLOR_RGBA2BGR if opaque else cv2.COLOR_RGBA2BGRA
+    ok, data = cv2.imencode(".png", cv2.cvtColor(rgba, order), _PNG)
+    if not ok:
+        raise OutputError("a tile could not be encoded as PNG")
+    return data.tobytes()
+
+
+def decode_png(data: bytes) -> RgbaArray | None:
+    """Return ``(h, w, 4)`` RGBA of what ``encode_png`` made, ``None`` where it is damaged."""
+    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    if pixels is None or pixels.ndim != 3 or pixels.dtype != np.uint8:
+        return None
+    rgba: RgbaArray = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA)
+    return rgba
+
+
+def _read_head(folder: Path) -> tuple[MapGrid, int, str]:
+    path = folder / _GRID_FILE
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document["format"] != _FORMAT:
+            raise DataError(f"{path}: written by another version of photomap; render the map again")
+        return MapGrid(**document["grid"]), int(document["revision"]), str(document["fingerprint"])
+    except OSError as error:
+        raise DataError(f"{folder}: there is no rendered map here; run 'photomap map' first") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise DataError(f"{path}: damaged; render the map again") from error
+
+
+def _holds(folder: Path, grid: MapGrid, fingerprint: str) -> bool:
+    try:
+        known_grid, _, known_fingerprint = _read_head(folder)
+    except DataError:
+        return False
+    return known_grid == grid and known_fingerprint == fingerprint
+
+
+def _head_document(grid: MapGrid, revision: int, fingerprint: str) -> bytes:
+    document: dict[str, Any] = {
+        "format": _FORMAT, "revision": revision, "fingerprint": fingerprint, "grid": asdict(grid),
+    }  # fmt: skip
+    return json.dumps(document, indent=1).encode()
+
+
+def _remove_tiles(folder: Path) -> None:
+    """Remove the files that a store makes, and nothing else that may lie there."""
+    for row in folder.iterdir():
+        if not (row.is_dir() and row.name.isdigit()):
+            continue
+        for path in row.iterdir():
+            if path.suffix in (".png", ".empty", ".tmp"):
+                path.unlink()
+        if not any(row.iterdir()):
+            row.rmdir()
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all."""
+    temporary = path.with_name(f"{path.name}.{threading.get_ident()}.tmp")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def _cannot_write(path: Path, error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written ({error.strerror}); free some space or choose another folder")

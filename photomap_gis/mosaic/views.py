@@ -1,0 +1,239 @@
+"""Which frames may be pasted, in which rank, and where on the map each of them can be seen.
+
+A ``View`` is a placement made ready for many questions: its usable footprint as a convex hull, and its *tier*. Lower
+tiers win wherever they see the ground at all; higher ones only fill. Of frames that lie almost on top of each other (a
+hovering drone, a dense video) one gets a cell of the map, the others fill where they see ground that no better
+frame does, and those that add nothing are left out: the map is not cut into slivers, and fewer frames are opened.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.frame import FrameStatus
+from photomap_gis.core.placement import FramePlacement
+from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.similarity import FloatArray
+
+MIN_SPACING = 0.1
+"""Frames whose centres are closer than this share of a frame's diagonal do not both get a cell of their own."""
+
+MAX_COARSENING = 4.0
+"""Pixels whose ground sampling is this many times coarser than at the frame's centre are not pasted (horizons)."""
+
+SPARE_ADDS = 0.005
+"""A crowded frame is of use where it adds this share of its footprint to the map."""
+
+SPARE_TIER, FILL_TIER = 1, 2
+"""Tiers: 0 registered, 1 registered but crowded, 2 placed by GPS alone, 3 both."""
+
+_RING_POINTS_PER_SIDE = 8
+_CELLS_PER_SIDE = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A frame that may be pasted.
+
+    ``tier`` ranks it (0 best). ``hull_xy_map_m`` is the ``(K, 2)`` convex hull of its usable footprint, turning
+    from x to y. ``resolution_cost`` is what its ground sampling adds to the cost of choosing it.
+    """
+
+    placement: FramePlacement
+    tier: int
+    gsd_m_per_px: float
+    resolution_cost: float
+    centre_xy_map_m: FloatArray
+    hull_xy_map_m: FloatArray
+
+    @property
+    def frame(self) -> int:
+        """The frame's index."""
+        return self.placement.frame
+
+    @property
+    def half_diagonal_px(self) -> float:
+        """Half the raster's diagonal."""
+        return 0.5 * math.hypot(self.placement.width_px, self.placement.height_px)
+
+    @property
+    def bounds_map_m(self) -> tuple[FloatArray, FloatArray]:
+        """``(2,)`` least and ``(2,)`` greatest x, y of the footprint."""
+        return self.hull_xy_map_m.min(axis=0), self.hull_xy_map_m.max(axis=0)
+
+    def locate(self, xy_map_m: FloatArray, *, slack_m: float) -> FloatArray:
+        """``(N, 2)`` pixels of ``(N, 2)`` map points; NaN farther than ``slack_m`` outside the footprint.
+
+        The footprint is asked first because a distorted camera folds far-away ground back into its picture: there
+        the polynomial of the lens no longer means anything.
+        """
+        near = distance_inside(self.hull_xy_map_m, xy_map_m) >= -slack_m
+        if near.all():
+            return self.placement.camera_to_map.unproject(xy_map_m)
+        xy_px = np.full(xy_map_m.shape, np.nan)
+        if near.any():
+            xy_px[near] = self.placement.camera_to_map.unproject(xy_map_m[near])
+        return xy_px
+
+
+def views_of(trajectory: Trajectory) -> list[View]:
+    """Return a view for every registered or GPS-placed frame that sees ground, in the trajectory's order."""
+    usable = [view for placement in trajectory.placements if (view := _view_of(placement)) is not None]
+    if not usable:
+        return []
+    reference_gsd = float(np.median([view.gsd_m_per_px for view in usable]))
+    ranked = [
+        replace(
+            view,
+            tier=view.tier + (SPARE_TIER if crowded else 0),
+            resolution_cost=_resolution_cost(view.gsd_m_per_px / reference_gsd),
+        )
+        for view, crowded in zip(usable, _crowded(usable), strict=True)
+    ]
+    return _that_add_ground(ranked, reference_gsd)
+
+
+def distance_inside(hull: FloatArray, points: npt.ArrayLike) -> FloatArray:
+    """``(N,)`` distance of ``(N, 2)`` points from a convex hull's border, positive inside."""
+    edges = np.roll(hull, -1, axis=0) - hull
+    normals = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)
+    distances: FloatArray = np.asarray(points, dtype=np.float64) @ normals.T - np.sum(normals * hull, axis=1)
+    return np.asarray(distances.min(axis=1))
+
+
+def convex_hull(points: FloatArray) -> FloatArray:
+    """``(K, 2)`` convex hull of ``(N, 2)`` points, turning from x to y, without collinear corners (Andrew's chain)."""
+    order = points[np.lexsort((points[:, 1], points[:, 0]))]
+    size = float(np.ptp(order, axis=0).max()) or 1.0
+
+    def chain(path: Iterable[FloatArray]) -> list[FloatArray]:
+        out: list[FloatArray] = []
+        for p in path:
+            while len(out) >= 2 and _turn(out[-2], out[-1], p) <= 1e-9 * size * size:
+                out.pop()
+            out.append(p)
+        return out[:-1]
+
+    return np.array(chain(order) + chain(order[::-1]))
+
+
+def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _view_of(placement: FramePlacement) -> View | None:
+    if placement.status not in (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY):
+        return None
+    if placement.width_px < 2 or placement.height_px < 2:
+        return None
+    gsd, centre = placement.gsd_m_per_px, placement.centre_xy_map_m
+    if not (np.isfinite(gsd) and gsd > 0 and np.isfinite(centre).all()):
+        return None
+    footprint = _usable_footprint(placement, gsd)
+    if len(footprint) < 3:
+        return None
+    hull = convex_hull(footprint)
+    if len(hull) < 3:
+        return None
+    tier = 0 if placement.status is FrameStatus.REGISTERED else FILL_TIER
+    return View(placement, tier, gsd, 0.0, centre, hull)
+
+
+def _usable_footprint(placement: FramePlacement, gsd: float) -> FloatArray:
+    """Return map points that span the usable part of the frame: its border, or what lies well below the horizon."""
+    w, h = placement.width_px, placement.height_px
+    t = np.linspace(0.0, 1.0, _RING_POINTS_PER_SIDE + 1)
+    grid = np.stack(np.meshgrid(t * w - 0.5, t * h - 0.5), axis=-1)
+    on_ring = np.ones(grid.shape[:2], dtype=bool)
+    on_ring[1:-1, 1:-1] = False
+    ring = grid[on_ring]
+    xy, ok = _project_usable(placement, ring, gsd)
+    if ok.all():
+        return xy
+    fine = np.linspace(0.0, 1.0, 4 * _RING_POINTS_PER_SIDE + 1)
+    inner = np.stack(np.meshgrid(fine * w - 0.5, fine * h - 0.5), axis=-1).reshape(-1, 2)
+    xy, ok = _project_usable(placement, inner, gsd)
+    return xy[ok]
+
+
+def _project_usable(
+    placement: FramePlacement, xy_px: FloatArray, gsd: float
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    xy = placement.camera_to_map.project(xy_px)
+    with np.errstate(invalid="ignore"):
+        local_gsd = np.sqrt(np.abs(np.linalg.det(placement.camera_to_map.jacobian(xy_px))))
+        ok = np.isfinite(xy).all(axis=1) & (local_gsd <= MAX_COARSENING * gsd)
+    return xy, ok
+
+
+def _resolution_cost(ratio: float) -> float:
+    """Return the cost of sampling ``ratio`` times coarser than the median: hardly any for a few per cent, 1 for 2."""
+    octaves = math.log2(ratio)
+    return math.copysign(octaves * octaves, octaves)
+
+
+def _crowded(views: list[View]) -> list[bool]:
+    """Say for each view whether it is too close to an earlier one of its tier, and not finer, to get its own cell."""
+    crowded: dict[int, bool] = {}
+    for tier in sorted({view.tier for view in views}):
+        same = [(i, view) for i, view in enumerate(views) if view.tier == tier]
+        cell = MIN_SPACING * max(2.0 * view.half_diagonal_px * view.gsd_m_per_px for _, view in same)
+        kept: defaultdict[tuple[int, int], list[View]] = defaultdict(list)
+        for i, view in same:
+            crowded[i] = any(_crowds(other, view) for other in _around(kept, view, cell))
+            if not crowded[i]:
+                kept[_cell_of(view, cell)].append(view)
+    return [crowded[i] for i in range(len(views))]
+
+
+def _that_add_ground(views: list[View], reference_gsd: float) -> list[View]:
+    """Return the views without those crowded ones that see (nearly) nothing that better ones do not see."""
+    side_px = float(np.median([min(view.placement.width_px, view.placement.height_px) for view in views]))
+    cell_m = side_px * reference_gsd / _CELLS_PER_SIDE
+    seen: set[tuple[int, int]] = set()
+    left_out: set[int] = set()
+    for index in sorted(range(len(views)), key=lambda i: views[i].tier):
+        view = views[index]
+        cells = _cells_under(view, cell_m)
+        if view.tier % 2 == SPARE_TIER and len(cells - seen) <= SPARE_ADDS * len(cells):
+            left_out.add(index)
+        else:
+            seen |= cells
+    return [view for index, view in enumerate(views) if index not in left_out]
+
+
+def _cells_under(view: View, cell_m: float) -> set[tuple[int, int]]:
+    low, high = view.bounds_map_m
+    # A frame from far above covers many cells: look at no more of them than of any other frame's.
+    step = max(1, math.ceil(float(np.max(high - low)) / cell_m / (8 * _CELLS_PER_SIDE)))
+    first, last = np.floor(low / cell_m).astype(int), np.floor(high / cell_m).astype(int)
+    cells = np.stack(
+        np.meshgrid(np.arange(first[0], last[0] + 1, step), np.arange(first[1], last[1] + 1, step)), axis=-1
+    ).reshape(-1, 2)
+    inside = distance_inside(view.hull_xy_map_m, (cells + 0.5) * cell_m) >= 0.0
+    return set(map(tuple, cells[inside].tolist()))
+
+
+def _crowds(kept: View, view: View) -> bool:
+    if view.gsd_m_per_px < 0.8 * kept.gsd_m_per_px:
+        return False
+    reach = MIN_SPACING * 2.0 * min(v.half_diagonal_px * v.gsd_m_per_px for v in (kept, view))
+    return math.dist(kept.centre_xy_map_m, view.centre_xy_map_m) < reach
+
+
+def _cell_of(view: View, cell_m: float) -> tuple[int, int]:
+    x, y = view.centre_xy_map_m
+    return math.floor(x / cell_m), math.floor(y / cell_m)
+
+
+def _around(kept: defaultdict[tuple[int, int], list[View]], view: View, cell_m: float) -> Iterator[View]:
+    col, row = _cell_of(view, cell_m)
+    for r in (row - 1, row, row + 1):
+        for c in (col - 1, col, col + 1):
+            yield from kept.get((c, r), ())
