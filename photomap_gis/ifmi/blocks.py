@@ -6,7 +6,8 @@ fits the whole overlap evenly, its covariance, and one of the witnesses of wheth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,19 +38,36 @@ class BlockMotion:
     visible: np.ndarray
 
 
+Bend = Callable[[FloatArray], FloatArray]
+
+
+def _straight(p: FloatArray) -> FloatArray:
+    return np.zeros_like(p)
+
+
 def block_motion(
-    floors_a: tuple[Floor, ...], floors_b: tuple[Floor, ...], T_a_b: Similarity2D, *, steps: int = 4
+    floors_a: tuple[Floor, ...],
+    floors_b: tuple[Floor, ...],
+    T_a_b: Similarity2D,
+    bend: Bend = _straight,
+    *,
+    steps: int = 4,
 ) -> BlockMotion:
-    """Return the residual motion of a grid of blocks of b, over floors passed coarsest first."""
-    K = GRID * GRID
-    d = np.zeros((K, 2))
+    """Return the residual motion of a grid of blocks of b, over floors passed coarsest first.
+
+    ``bend`` maps ``(N, 2)`` points of b (frame pixels) to the displacements that are known already: blocks are
+    compared along it, search from there, and their displacements contain it.
+    """
+    d = np.zeros((GRID * GRID, 2))
     for a, b in zip(floors_a, floors_b, strict=True):
-        d, out = _solve_floor(a, b, on_floor(T_a_b, b.factor), d / b.factor, steps)
-        d *= b.factor
-    return out
+        extra, motion = _solve_floor(a, b, on_floor(T_a_b, b.factor), d / b.factor, bend, steps)
+        d = np.where(motion.solved[:, None], extra * b.factor, d)
+    return replace(motion, displacement=d + bend(motion.centre))
 
 
-def _solve_floor(a: Floor, b: Floor, T: Similarity2D, d: FloatArray, steps: int) -> tuple[FloatArray, BlockMotion]:
+def _solve_floor(
+    a: Floor, b: Floor, T: Similarity2D, d: FloatArray, bend: Bend, steps: int
+) -> tuple[FloatArray, BlockMotion]:
     K = GRID * GRID
     t = b.template
     rows, columns = t.x.shape
@@ -63,10 +81,14 @@ def _solve_floor(a: Floor, b: Floor, T: Similarity2D, d: FloatArray, steps: int)
         sums: FloatArray = np.bincount(block, weights=x, minlength=K).astype(np.float64)
         return sums
 
+    start = d
+    points = np.stack([t.x.ravel(), t.y.ravel()], axis=1).astype(np.float64)
+    bent = (points + bend(points * b.factor) / b.factor).astype(np.float32)
+    bent_x, bent_y = bent[:, 0].reshape(rows, columns), bent[:, 1].reshape(rows, columns)
     moved_off = np.zeros(K, bool)
     for _ in range(steps):
-        x = t.x + d[block, 0].reshape(rows, columns).astype(np.float32)
-        y = t.y + d[block, 1].reshape(rows, columns).astype(np.float32)
+        x = bent_x + d[block, 0].reshape(rows, columns).astype(np.float32)
+        y = bent_y + d[block, 1].reshape(rows, columns).astype(np.float32)
         seen, valid = look_up_at(
             a, L[0, 0] * x + L[0, 1] * y + np.float32(T.tx), L[1, 0] * x + L[1, 1] * y + np.float32(T.ty)
         )
@@ -86,8 +108,8 @@ def _solve_floor(a: Floor, b: Floor, T: Similarity2D, d: FloatArray, steps: int)
         )
         step *= np.minimum(1.0, 2.0 / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
         d = d + step
-        moved_off = np.hypot(d[:, 0], d[:, 1]) > FURTHEST_PX
-        d[moved_off] = 0.0
+        moved_off = np.hypot(*(d - start).T) > FURTHEST_PX
+        d[moved_off] = start[moved_off]
     count = by_block(valid)
     power = by_block(weight * seen**2) * by_block(weight * value**2)
     correlation = by_block(weight * seen * value) / np.sqrt(np.maximum(power, 1e-12))
@@ -97,5 +119,7 @@ def _solve_floor(a: Floor, b: Floor, T: Similarity2D, d: FloatArray, steps: int)
     covariance = s * np.stack([hyy + ridge, -hxy, -hxy, hxx + ridge], 1).reshape(K, 2, 2) * f**2
     visible = count >= 0.5 * np.maximum(total, 1)
     solved = visible & ~moved_off & (correlation > 0.3) & (np.linalg.eigvalsh(covariance)[:, 1] < (0.5 * f) ** 2)
-    centre = np.stack([by_block(t.x.ravel()), by_block(t.y.ravel())], 1) / np.maximum(total, 1)[:, None]
+    # A block's motion is that of where its contrast is, not of its middle.
+    say = weight * (gx * gx + gy * gy) + np.float32(1e-9)
+    centre = np.stack([by_block(say * t.x.ravel()), by_block(say * t.y.ravel())], 1) / by_block(say)[:, None]
     return d, BlockMotion(centre * f, d * f, covariance, correlation, solved, visible)

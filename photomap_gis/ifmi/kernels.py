@@ -11,6 +11,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import numpy.typing as npt
+import scipy.fft
 
 from photomap_gis.core.similarity import Similarity2D
 
@@ -58,6 +59,16 @@ def inverse_fft(half: Spectrum64) -> Image32:
         packed[h - 1, stored] = values[-1].real
     inverse: Image32 = cv2.dft(packed, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
     return inverse
+
+
+def forward_fft_stack(images: Image32) -> Spectrum64:
+    """``(n, h, w // 2 + 1)`` half spectra of ``(n, h, w)`` small images at once."""
+    return np.asarray(scipy.fft.rfft2(images, axes=(1, 2)), np.complex64)
+
+
+def inverse_fft_stack(halves: Spectrum64) -> Image32:
+    """Real ``(n, h, w)`` images of ``(n, h, w // 2 + 1)`` half spectra; w is taken to be even."""
+    return np.asarray(scipy.fft.irfft2(halves, axes=(1, 2)), np.float32)
 
 
 def warp_similarity(image: Picture, T_out_in: Similarity2D, shape: tuple[int, int]) -> Picture:

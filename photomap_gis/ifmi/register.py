@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -11,19 +11,20 @@ import numpy.typing as npt
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.blocks import block_motion
+from photomap_gis.ifmi.examine import Lead, follow, measure
 from photomap_gis.ifmi.features import feature_candidates
-from photomap_gis.ifmi.misfit import settle
-from photomap_gis.ifmi.overlap import agreement
 from photomap_gis.ifmi.prior import Prior
-from photomap_gis.ifmi.refine import refine
 from photomap_gis.ifmi.search import Candidate, search
 from photomap_gis.ifmi.spectrum import FINEST_SIDE_PX, Spectrum, make_spectrum
 from photomap_gis.ifmi.validity import ACCEPT, Evidence, probability_of
 from photomap_gis.ifmi.working import shrink, to_grey
 
+logger = logging.getLogger(__name__)
+
 WORKING_SIDE_PX = 512
-CONTENDERS = 4
+CONTENDERS = 5
+CLEAR = 25.0
+"""A lead whose tiles speak this clearly (signal over scatter) needs no further search."""
 
 
 def register(
@@ -82,60 +83,56 @@ def register_images(
 
 
 def _judge(a: Spectrum, b: Spectrum, candidates: list[Candidate], prior: Prior | None, method: str) -> Registration:
-    """Refine the best candidates, decide between them, and measure how sure the decision is."""
-    lowest_a, lowest_b = a.floors[-1:], b.floors[-1:]
-    contenders: list[Candidate] = []
+    """Follow up the best candidates, decide between them, measure the winner and how sure the decision is."""
+    apart_px = 0.04 * max(b.shape)
+    leads: list[Lead] = []
+    tried: list[Similarity2D] = []
     for candidate in candidates:
-        if len(contenders) == CONTENDERS:
+        if len(tried) == CONTENDERS:
             break
-        if any(_distance_px(candidate.T_a_b, c.T_a_b, b) < 0.03 * max(b.shape) for c in contenders):
+        if any(_distance_px(candidate.T_a_b, T, b) < apart_px for T in tried):
             continue
-        T = refine(lowest_a, lowest_b, candidate.T_a_b, steps=8).T_a_b
-        g = agreement(a.floors[-1], b.floors[-1], T)
-        if g.evidence > candidate.agreement.evidence:
-            candidate = Candidate(T, candidate.snr, g)
-        contenders.append(candidate)
-    contenders.sort(key=lambda c: -c.agreement.evidence)
-    if prior is not None:
-        contenders = [c for c in contenders if prior.admits(c.T_a_b, b.size_px)]
-    if not contenders:
+        tried.append(candidate.T_a_b)
+        lead = follow(a, b, candidate.T_a_b, candidate.snr)
+        if prior is not None and not prior.admits(lead.T_a_b, b.size_px):
+            continue
+        leads.append(lead)
+        if lead.strength >= CLEAR:
+            break
+    leads.sort(key=lambda lead: -lead.strength)
+    if not leads or leads[0].fit.support == 0.0:
         return _nothing(a, b, prior, method)
-    best = contenders[0]
-    rivals = [c for c in contenders[1:] if _distance_px(c.T_a_b, best.T_a_b, b) >= 0.03 * max(b.shape)]
-    finer_a, finer_b = a.floors[-2::-1], b.floors[-2::-1]
-    fit = refine(finer_a, finer_b, best.T_a_b)
-    if fit.support == 0.0:
-        return _nothing(a, b, prior, method)
-    blocks = block_motion(finer_a, finer_b, fit.T_a_b)
-    settled = settle(fit, blocks, b)
-    middle = agreement(a.floors[a.spectral], b.floors[b.spectral], settled.T_a_b)
-    low = agreement(a.floors[-1], b.floors[-1], settled.T_a_b)
+    best = leads[0]
+    rivals = [r for r in leads[1:] if _distance_px(r.T_a_b, best.T_a_b, b) >= apart_px]
+    measured = measure(a, b, best)
+    tiles = measured.tiles
     evidence = Evidence(
-        low=low.correlation,
-        middle=middle.correlation,
-        fine=fit.correlation,
-        overlap=middle.overlap,
+        correlation=measured.agreement.correlation,
+        overlap=measured.agreement.overlap,
         snr=best.snr,
-        rival=rivals[0].agreement.evidence / max(low.evidence, 1e-6) if rivals else 0.0,
-        agreeing_blocks=settled.agreeing,
-        blocks=settled.blocks,
-        drift=_distance_px(best.T_a_b, settled.T_a_b, b) / max(b.shape),
-        area_px=middle.overlap * math.prod(b.floors[b.spectral].shape),
+        summed_snr=0.0 if tiles is None else tiles.summed_snr,
+        rival=1.0 if tiles is None else tiles.rival,
+        near=0 if tiles is None else int(tiles.near.sum()),
+        tiles=0 if tiles is None else len(tiles.near),
+        agreeing=measured.agreeing,
+        blocks=measured.blocks,
+        contender=rivals[0].strength / max(best.strength, 1e-6) if rivals else 0.0,
     )
-    probability = probability_of(evidence, method)
-    if prior is not None and not prior.admits(settled.T_a_b, b.size_px):
+    probability = probability_of(evidence)
+    if prior is not None and not prior.admits(measured.T_a_b, b.size_px):
         probability = 0.0
+    logger.debug("%d-%d %s %.3f %s", a.index, b.index, method, probability, evidence)
     return Registration(
-        T_a_b=settled.T_a_b,
-        covariance=settled.covariance,
+        T_a_b=measured.T_a_b,
+        covariance=measured.covariance,
         probability=probability,
         size_b_px=b.size_px,
-        model_sigma_px=settled.model_sigma_px,
+        model_sigma_px=measured.model_sigma_px,
         accepted=probability >= ACCEPT,
         method=method,
-        overlap=middle.overlap,
-        correlation=middle.correlation,
-        alternatives=tuple(c.T_a_b for c in rivals if c.agreement.evidence > 0.8 * best.agreement.evidence),
+        overlap=measured.agreement.overlap,
+        correlation=measured.agreement.correlation,
+        alternatives=tuple(r.T_a_b for r in rivals if r.strength > 0.7 * best.strength),
         a=a.index,
         b=b.index,
     )

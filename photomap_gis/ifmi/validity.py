@@ -12,28 +12,26 @@ ACCEPT = 0.9
 class Evidence:
     """What the witnesses said.
 
-    ``low``, ``middle`` and ``fine`` are correlations over the overlap in three bands; ``snr`` that of the translation
-    pulse; ``rival`` the evidence of the best other motion over the winner's; ``drift`` how far the refinement moved,
-    as a share of the frame.
+    ``correlation`` over the ``overlap``; ``snr`` of the translation pulse; the tiles' ``summed_snr``, the highest
+    ``rival`` of their sum as a share of it, how many of the ``tiles`` were ``near``; how many of the ``blocks``
+    were ``agreeing``; ``contender`` is the strength of the best other motion over the winner's.
     """
 
-    low: float
-    middle: float
-    fine: float
+    correlation: float
     overlap: float
     snr: float
+    summed_snr: float
     rival: float
-    agreeing_blocks: int
+    near: int
+    tiles: int
+    agreeing: int
     blocks: int
-    drift: float
-    area_px: float
+    contender: float
 
 
-def probability_of(e: Evidence, method: str) -> float:
+def probability_of(e: Evidence) -> float:
     """Return the probability that the registration is right."""
-    if e.blocks == 0:
+    if e.tiles == 0:
         return 0.0
-    share = e.agreeing_blocks / e.blocks
-    z = math.atanh(max(-0.99, min(0.99, e.middle))) * math.sqrt(e.area_px) / 10.0
-    score = 0.35 * (z - 4.0) + 6.0 * (share - 0.5) + 4.0 * (e.low - 0.4) - 6.0 * max(0.0, e.rival - 0.7)
+    score = 0.35 * (e.summed_snr - 13.0) - 6.0 * max(e.rival - 0.5, 0.0) + 4.0 * (e.near / e.tiles - 0.3)
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, score))))
