@@ -49,8 +49,8 @@ def write_mbtiles(
     metadata = {
         "name": name,
         "format": tile_format.value,
-        "bounds": ",".join(f"{v:.8f}" for v in plan.bounds_deg),
-        "center": f"{lon:.8f},{lat:.8f},{zoom}",
+        "bounds": ",".join(f"{v:.12f}" for v in plan.bounds_deg),
+        "center": f"{lon:.10f},{lat:.10f},{zoom}",
         "minzoom": str(plan.min_zoom),
         "maxzoom": str(plan.max_zoom),
         "type": "overlay",

@@ -10,7 +10,7 @@ from functools import partial
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
-from photomap_gis.export.crs import WEB_MERCATOR, WGS84, bounds_in, needs_place, parse_crs, same_crs
+from photomap_gis.export.crs import WEB_MERCATOR, bounds_in, needs_place, parse_crs, same_crs
 from photomap_gis.export.encode import TileFormat, encode, in_threads
 from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
 from photomap_gis.export.warp import Resampler, pixel_steps
@@ -86,16 +86,23 @@ def plan_web_tiles(
         raise UsageError(f"the widest zoom ({widest}) must not lie beyond the finest ({finest})")
     world = MapGrid(mercator, -_HALF_WORLD_M, _HALF_WORLD_M, size_m, TILE_PX << leaf, TILE_PX << leaf, TILE_PX)
     pyramid = Pyramid(Resampler(source, world), extent, leaf, widest, finest, TILE_PX)
-    return WebTiles(pyramid, widest, finest, lon_lat_bounds(source.grid, what))
+    return WebTiles(pyramid, widest, finest, _bounds_deg(extent, leaf, finest))
 
 
-def lon_lat_bounds(grid: MapGrid, what: str) -> tuple[float, float, float, float]:
-    """Return west, south, east, north in WGS84 degrees within ±180; the whole world's width across the antimeridian."""
-    crs = needs_place(grid.crs_wkt, what)
-    west, south, east, north = grid.bounds if same_crs(crs, WGS84) else bounds_in(grid.bounds, crs, WGS84)
+def _bounds_deg(extent: Window, leaf: int, finest: int) -> tuple[float, float, float, float]:
+    """Return west, south, east, north of whole pixels of the finest zoom that is kept, within ±180 degrees.
+
+    GDAL and QGIS cut MBTiles to these bounds and round them to pixels: others would shift the map by up to half a one.
+    Across the antimeridian the box is the whole world's width.
+    """
+    step, world_px = 1 << (leaf - finest), TILE_PX << finest
+    left, top = extent.col_off // step, extent.row_off // step
+    right, bottom = -(-(extent.col_off + extent.width) // step), -(-(extent.row_off + extent.height) // step)
+    west, east = (360.0 * v / world_px - 180.0 for v in (left, right))
+    south, north = (math.degrees(math.atan(math.sinh(math.pi * (1.0 - 2.0 * v / world_px)))) for v in (bottom, top))
     if west < -180.0 or east > 180.0:
         west, east = -180.0, 180.0
-    return (west, max(south, -90.0), east, min(north, 90.0))
+    return west, south, east, north
 
 
 def _encoded(tile_format: TileFormat, tile: Tile) -> tuple[TileKey, bytes]:
