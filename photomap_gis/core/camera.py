@@ -19,7 +19,7 @@ from photomap_gis.core.similarity import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A lens and sensor: focal length and principal point in pixels of the stored raster, Brown's radial k1, k2.
+    """A lens and sensor: focal length and principal point in pixels of the stored raster, Brown's radial k1, k2, k3.
 
     ``focal_px`` is ``None`` where nothing is known of the lens. ``origin`` says where the focal length comes from
     ("exif", "profile", "option", ...); ``focal_sigma_rel`` is its relative one-sigma.
@@ -35,6 +35,7 @@ class Camera:
     name: str = ""
     origin: str = "unknown"
     focal_sigma_rel: float = 0.03
+    k3: float = 0.0
 
     @classmethod
     def of_hfov(
@@ -60,13 +61,23 @@ class Camera:
     @property
     def is_distorted(self) -> bool:
         """Whether straight lines bend."""
-        return self.k1 != 0.0 or self.k2 != 0.0
+        return self.k1 != 0.0 or self.k2 != 0.0 or self.k3 != 0.0
+
+    @property
+    def fold_radius(self) -> float:
+        """The ideal radius (focal length 1) at which the polynomial turns back on itself, infinite where it never does.
+
+        Nothing beyond it is seen by the camera, whatever ``distort`` says.
+        """
+        slope = np.roots([7.0 * self.k3, 5.0 * self.k2, 3.0 * self.k1, 1.0])  # in the squared radius
+        real = slope[(np.abs(slope.imag) < 1e-9) & (slope.real > 0.0)].real
+        return math.sqrt(float(real.min())) if len(real) else math.inf
 
     def distort(self, normalised: npt.ArrayLike) -> FloatArray:
         """Apply radial distortion to ``(N, 2)`` ideal image coordinates (focal length 1)."""
         n = np.asarray(normalised, dtype=np.float64)
         r2 = np.sum(n * n, axis=-1, keepdims=True)
-        return n * (1.0 + r2 * (self.k1 + r2 * self.k2))
+        return n * (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3)))
 
     def undistort(self, distorted: npt.ArrayLike) -> FloatArray:
         """Invert ``distort`` by Newton's method on the radius."""
@@ -77,8 +88,8 @@ class Camera:
         r = rd.copy()
         for _ in range(12):
             r2 = r * r
-            slope = np.maximum(1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2), 0.2)
-            r = r - (r * (1.0 + r2 * (self.k1 + r2 * self.k2)) - rd) / slope
+            slope = np.maximum(1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + 7.0 * r2 * self.k3)), 0.2)
+            r = r - (r * (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))) - rd) / slope
         return d * np.divide(r, rd, out=np.ones_like(r), where=rd > 0)
 
 
@@ -126,11 +137,15 @@ class PlaneView:
         return f * rays[..., :2] / depth
 
     def to_pixel(self, xy_plane: npt.ArrayLike) -> FloatArray:
-        """Map ``(N, 2)`` points of the plane to pixels; NaN for points behind the camera."""
+        """Map ``(N, 2)`` points of the plane to pixels; NaN for points behind the camera or beyond the lens's fold."""
         q = np.asarray(xy_plane, dtype=np.float64)
         c, f = self.camera.principal_xy_px, self.camera.focal_px
         if f is None or self.is_rigid:
             return q + c
         rays = np.concatenate([q / f, np.ones((*q.shape[:-1], 1))], axis=-1) @ self.R_level_camera
         depth = np.where(rays[..., 2:] > 1e-6, rays[..., 2:], np.nan)
-        return f * self.camera.distort(rays[..., :2] / depth) + c
+        n = rays[..., :2] / depth
+        if self.camera.is_distorted:
+            r2 = np.sum(n * n, axis=-1, keepdims=True)
+            n = np.where(r2 < self.camera.fold_radius**2, n, np.nan)
+        return f * self.camera.distort(n) + c

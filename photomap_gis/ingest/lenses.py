@@ -230,7 +230,8 @@ def _calibrated_camera(best: _Estimate, width_px: int, height_px: int, name: str
         offset = (x * best.scale - 0.5 - middle[0], y * best.scale - 0.5 - middle[1])
     if abs(offset[0]) > 0.06 * width_px or abs(offset[1]) > 0.06 * height_px:  # a crop, or another raster
         offset = (0.0, 0.0)
-    k1, k2 = _two_terms(calibration.radial, math.hypot(width_px, height_px) / 2.0 / best.focal_px)
+    corner = math.hypot(width_px, height_px) / 2.0 / best.focal_px
+    k1, k2, k3 = (0.0, 0.0, 0.0) if _folds(calibration.radial, corner) else calibration.radial
     return Camera(
         width_px,
         height_px,
@@ -242,21 +243,17 @@ def _calibrated_camera(best: _Estimate, width_px: int, height_px: int, name: str
         name=name,
         origin=best.origin,
         focal_sigma_rel=sigma,
+        k3=k3,
     )
 
 
-def _two_terms(radial: tuple[float, float, float], radius_max: float) -> tuple[float, float]:
-    """Return k1, k2 that best replace k1, k2, k3 up to the raster's corner, as a least squares fit of the displacement.
+def _folds(radial: tuple[float, float, float], corner: float) -> bool:
+    """Whether the polynomial turns back on itself within the picture: a broken calibration.
 
-    A polynomial that turns back on itself within the picture is a broken calibration: no distortion then.
+    ``corner`` is the corner's distance from the middle in focal lengths, in the distorted picture.
     """
     k1, k2, k3 = radial
-    r = np.linspace(0.0, radius_max, 200)[1:]
+    r = np.linspace(0.0, 2.0 * corner, 800)[1:]
     distorted = r * (1.0 + r**2 * (k1 + r**2 * (k2 + r**2 * k3)))
-    # radius_max is that of the distorted corner; barrel distortion needs a little more of the ideal radius
-    if np.any(np.diff(distorted) <= 0.0):
-        return 0.0, 0.0
-    if k3 == 0.0:
-        return k1, k2
-    fit, *_ = np.linalg.lstsq(np.stack([r**3, r**5], axis=1), distorted - r, rcond=None)
-    return float(fit[0]), float(fit[1])
+    folds = np.flatnonzero(np.diff(distorted) <= 0.0)
+    return bool(len(folds)) and float(distorted[folds[0]]) < 0.98 * corner
