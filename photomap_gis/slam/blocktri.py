@@ -1,0 +1,180 @@
+"""A direct solver for the normal equations of a map: block-tridiagonal elimination, with the inverse's diagonal.
+
+A flight's frames tie to near frames only, so the breadth-first levels of the graph from a far frame form a chain:
+level k touches k - 1 and k + 1 and nothing else. Eliminating level by level costs dense algebra on small blocks, and
+the backward sweep gives every pose's covariance for little more than the solution (one sparse solve a column would
+cost thousands of solves). Unknowns that touch everything (a flight's GPS bias) are kept apart as a border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.sparse import csgraph
+
+from photomap_gis.core.similarity import FloatArray
+
+IntArray = npt.NDArray[np.intp]
+
+BLOCK_SIZE = 96
+"""Levels are joined until a block has at least this many unknowns: smaller ones spend their time in Python."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockFactor:
+    """A factored symmetric positive definite matrix: chain of ``blocks`` (index arrays) and the ``border`` after it.
+
+    ``scale`` brings the matrix to unit diagonal; ``chol[k]`` is the lower factor of the k-th Schur complement,
+    ``carry[k] = chol[k]^-1 H[k, k+1]``. ``border_solution`` is ``A^-1 C``, ``border_chol`` that of its complement.
+    """
+
+    blocks: tuple[IntArray, ...]
+    border: IntArray
+    scale: FloatArray
+    chol: tuple[FloatArray, ...]
+    carry: tuple[FloatArray, ...]
+    border_solution: FloatArray
+    border_chol: FloatArray
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """Return ``H^-1 rhs`` for an ``(n,)`` right-hand side."""
+        b = (rhs * self.scale)[:, None]
+        x = np.zeros_like(b)
+        inner = np.ones(len(b), bool)
+        inner[self.border] = False
+        if len(self.border):
+            y = b[self.border] - self.border_solution.T @ b[inner]
+            x[self.border] = cho_solve((self.border_chol, True), y)
+        x[inner] = self._solve_chain(b)[inner] - self.border_solution @ x[self.border]
+        return x[:, 0] * self.scale
+
+    def _solve_chain(self, b: FloatArray) -> FloatArray:
+        """Solve with the chain alone for ``(n, m)`` scaled right-hand sides; border rows are left 0."""
+        return _solve_chain(self.blocks, self.chol, self.carry, b)
+
+    def inverse_diagonal(self, size: int, first: IntArray) -> FloatArray:
+        """``(len(first), size, size)`` diagonal blocks of the inverse at rows ``first ... first + size - 1``.
+
+        The rows of a diagonal block must lie in one block of the chain (those of a pose do) or all in the border.
+        """
+        n = len(self.scale)
+        where, place = np.full(n, -1), np.zeros(n, np.intp)
+        for k, block in enumerate(self.blocks):
+            where[block], place[block] = k, np.arange(len(block))
+        out = np.empty((len(first), size, size))
+        rows = first[:, None] + np.arange(size)
+        z: FloatArray = np.zeros((0, 0))
+        for k in range(len(self.blocks) - 1, -1, -1):
+            lower = self.chol[k]
+            inverse_lower = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
+            g = inverse_lower.T @ self.carry[k] if self.carry[k].size else np.zeros((len(lower), 0))
+            z = inverse_lower.T @ inverse_lower + (g @ z @ g.T if g.size else 0.0)
+            here = np.flatnonzero(where[first] == k)
+            index = place[rows[here]]
+            out[here] = z[index[:, :, None], index[:, None, :]]
+        if len(self.border):
+            inverse_border = cho_solve((self.border_chol, True), np.eye(len(self.border)))
+            inner = np.full(n, -1)
+            inner[np.setdiff1d(np.arange(n), self.border)] = np.arange(n - len(self.border))
+            chain = where[first] >= 0
+            y = self.border_solution[inner[rows[chain]]]
+            out[chain] += y @ inverse_border @ y.transpose(0, 2, 1)
+            index = np.searchsorted(self.border, rows[~chain])
+            out[~chain] = inverse_border[index[:, :, None], index[:, None, :]]
+        s = self.scale[rows]
+        return out * s[:, :, None] * s[:, None, :]
+
+
+def factor(H: sparse.csc_array, border: IntArray) -> BlockFactor:
+    """Factor a symmetric positive definite ``H``; ``border`` are the (sorted) unknowns that touch everything.
+
+    Raises ``numpy.linalg.LinAlgError`` where H is not positive definite: something is tied to nothing.
+    """
+    diagonal = H.diagonal()
+    if not np.all(diagonal > 0):
+        raise np.linalg.LinAlgError("an unknown is tied to nothing")
+    scale = 1.0 / np.sqrt(diagonal)
+    blocks = _chain_of_blocks(H, border)
+    order = np.concatenate([*blocks, border]).astype(np.intp)
+    ordered = sparse.csr_array(H)[order][:, order]
+    s = scale[order]
+    starts = np.cumsum([0, *(len(b) for b in blocks)])
+    chol: list[FloatArray] = []
+    carry: list[FloatArray] = []
+    for k in range(len(blocks)):
+        a, b = starts[k], starts[k + 1]
+        c = starts[k + 2] if k + 2 < len(starts) else b
+        strip = ordered[a:b, a:c].toarray() * s[a:b, None] * s[None, a:c]
+        block = strip[:, : b - a]
+        if k:
+            block = block - carry[-1].T @ carry[-1]
+        lower = np.tril(cho_factor(block, lower=True, check_finite=False)[0])
+        chol.append(lower)
+        carry.append(solve_triangular(lower, strip[:, b - a :], lower=True, check_finite=False))
+    n, m = len(scale), len(border)
+    inner = np.setdiff1d(np.arange(n), border)
+    if not m:
+        return BlockFactor(blocks, border, scale, tuple(chol), tuple(carry), np.zeros((n, 0)), np.zeros((0, 0)))
+    columns = np.asarray(H[:, border].toarray()) * scale[:, None] * scale[border]
+    solution = _solve_chain(blocks, chol, carry, columns)[inner]
+    complement = columns[border] - columns[inner].T @ solution
+    border_chol = np.linalg.cholesky((complement + complement.T) / 2.0)
+    return BlockFactor(blocks, border, scale, tuple(chol), tuple(carry), solution, border_chol)
+
+
+def _solve_chain(
+    blocks: tuple[IntArray, ...], chol: list[FloatArray] | tuple[FloatArray, ...],
+    carry: list[FloatArray] | tuple[FloatArray, ...], b: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Forward and backward substitution along the chain for ``(n, m)`` right-hand sides."""
+    x = np.zeros_like(b)
+    y: list[FloatArray] = []
+    for k, block in enumerate(blocks):
+        r = b[block] - (carry[k - 1].T @ y[-1] if k and carry[k - 1].size else 0.0)
+        y.append(solve_triangular(chol[k], r, lower=True, check_finite=False))
+    later: FloatArray = np.zeros((0, b.shape[1]))
+    for k in range(len(blocks) - 1, -1, -1):
+        r = y[k] - (carry[k] @ later if carry[k].size else 0.0)
+        later = solve_triangular(chol[k], r, lower=True, trans="T", check_finite=False)
+        x[blocks[k]] = later
+    return x
+
+
+def _chain_of_blocks(H: sparse.csc_array, border: IntArray) -> tuple[IntArray, ...]:
+    """Cut all unknowns but the border into blocks that touch only their neighbours in the sequence."""
+    n = H.shape[0]
+    inner = np.ones(n, bool)
+    inner[border] = False
+    index = np.flatnonzero(inner)
+    pattern = sparse.csr_array(H)[index][:, index]
+    count, label = csgraph.connected_components(pattern, directed=False)
+    levels: list[IntArray] = []
+    for component in range(count):
+        members = np.flatnonzero(label == component)
+        level = _levels(pattern, int(members[0]))
+        # a level structure from one end is narrower than from the middle
+        far = members[np.argmax(level[members])]
+        level = _levels(pattern, int(far))[members]
+        order = np.argsort(level, kind="stable")
+        cuts = np.flatnonzero(np.diff(level[order])) + 1
+        levels.extend(np.split(members[order], cuts))
+    blocks: list[list[IntArray]] = [[]]
+    for members in levels:
+        if blocks[-1] and sum(map(len, blocks[-1])) >= BLOCK_SIZE:
+            blocks.append([])
+        blocks[-1].append(members)
+    return tuple(index[np.sort(np.concatenate(b))] for b in blocks if b)
+
+
+def _levels(pattern: sparse.csr_array, start: int) -> IntArray:
+    """``(n,)`` breadth-first distance from ``start``; -1 where it cannot be reached."""
+    order, predecessor = csgraph.breadth_first_order(pattern, start, directed=False)
+    level = np.full(pattern.shape[0], -1, np.intp)
+    level[start] = 0
+    for node in order[1:]:
+        level[node] = level[predecessor[node]] + 1
+    return level

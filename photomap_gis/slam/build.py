@@ -1,0 +1,154 @@
+"""The builder of the pose graph: registrations and observations in, frozen snapshots out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photomap_gis.core.measurement import Registration
+from photomap_gis.core.posegraph import (
+    Edge,
+    EdgeKind,
+    HeadingObservation,
+    PoseGraph,
+    PositionObservation,
+    ScaleObservation,
+)
+from photomap_gis.core.similarity import FloatArray, Similarity2D
+
+OVERLAP_SAMPLES = 9
+MIN_SIGMA_PX = 0.02
+MIN_SIGMA_RAD = 1e-5
+"""No registration is trusted beyond this: a spectral peak's own sigma can be absurdly small."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """What a registration must show to become an edge; the robust solver judges what passes."""
+
+    min_probability: float = 0.5
+    max_scale_ratio: float = 4.0
+
+
+class GraphBuilder:
+    """Gathers frames, edges and observations; one owner; ``snapshot`` hands out a frozen ``PoseGraph``."""
+
+    def __init__(self, gate: Gate | None = None) -> None:
+        self._gate = gate or Gate()
+        self._frames: dict[int, None] = {}
+        self._edges: dict[tuple[int, int], Edge] = {}
+        self._positions: dict[int, PositionObservation] = {}
+        self._scales: dict[int, ScaleObservation] = {}
+        self._headings: dict[int, HeadingObservation] = {}
+        self._revision = 0
+
+    @property
+    def pairs(self) -> frozenset[tuple[int, int]]:
+        """The pairs (lower index first) that have an edge."""
+        return frozenset(self._edges)
+
+    def add_frame(self, index: int) -> None:
+        """Make a frame known; a frame needs no edge to be placed by its fix."""
+        self._frames[index] = None
+
+    def add_registration(
+        self,
+        reg: Registration,
+        T_planea_worka: Similarity2D,
+        T_planeb_workb: Similarity2D,
+        kind: EdgeKind = EdgeKind.SEQUENTIAL,
+    ) -> bool:
+        """Add what a registration measured between the planes of its frames; return whether it passed the gate.
+
+        ``T_plane*_work*`` map the pixels of the images that were registered into their frames' planes. A pair that is
+        added twice keeps the more certain measurement.
+        """
+        if reg.a < 0 or reg.b < 0 or reg.a == reg.b:
+            raise ValueError(f"a registration must name two frames to become an edge, got a={reg.a}, b={reg.b}")
+        edge = edge_of(reg, T_planea_worka, T_planeb_workb, kind)
+        if not (reg.accepted and reg.probability >= self._gate.min_probability and self._is_sane(edge)):
+            return False
+        self.add_frame(reg.a)
+        self.add_frame(reg.b)
+        pair = (min(reg.a, reg.b), max(reg.a, reg.b))
+        known = self._edges.get(pair)
+        if known is None or np.trace(edge.covariance[:2, :2]) < np.trace(known.covariance[:2, :2]):
+            self._edges[pair] = edge
+        return True
+
+    def add_edge(self, edge: Edge) -> None:
+        """Add an edge as it is (from a stored graph)."""
+        self.add_frame(edge.a)
+        self.add_frame(edge.b)
+        self._edges[min(edge.a, edge.b), max(edge.a, edge.b)] = edge
+
+    def observe(
+        self,
+        positions: Iterable[PositionObservation] = (),
+        scales: Iterable[ScaleObservation] = (),
+        headings: Iterable[HeadingObservation] = (),
+    ) -> None:
+        """Add observations of single frames; a later one of the same frame replaces the earlier."""
+        self._positions.update((p.frame, p) for p in positions)
+        self._scales.update((s.frame, s) for s in scales)
+        self._headings.update((h.frame, h) for h in headings)
+
+    def snapshot(self) -> PoseGraph:
+        """Return all that is known now, under a new revision number."""
+        self._revision += 1
+        for observed in (self._positions, self._scales, self._headings):
+            for frame in observed:
+                self._frames.setdefault(frame)
+        return PoseGraph(
+            tuple(sorted(self._frames)),
+            tuple(self._edges[pair] for pair in sorted(self._edges)),
+            tuple(self._positions[f] for f in sorted(self._positions)),
+            tuple(self._scales[f] for f in sorted(self._scales)),
+            tuple(self._headings[f] for f in sorted(self._headings)),
+            self._revision,
+        )
+
+    def _is_sane(self, edge: Edge) -> bool:
+        t = edge.T_a_b
+        finite = np.isfinite([t.tx, t.ty, t.angle_rad, t.log_scale, *np.ravel(edge.covariance)]).all()
+        return bool(finite) and abs(t.log_scale) <= np.log(self._gate.max_scale_ratio)
+
+
+def edge_of(reg: Registration, T_planea_worka: Similarity2D, T_planeb_workb: Similarity2D, kind: EdgeKind) -> Edge:
+    """Return the edge between planes that a registration of images stands for, with its whole covariance."""
+    floor = np.diag([MIN_SIGMA_PX, MIN_SIGMA_PX, MIN_SIGMA_RAD, MIN_SIGMA_RAD]) ** 2
+    whole = replace(reg, covariance=reg.covariance + model_covariance(reg) + floor)
+    T, covariance = whole.seen_from(T_planea_worka, T_planeb_workb)
+    return Edge(reg.a, reg.b, T, (covariance + covariance.T) / 2.0, kind, reg.probability, reg.overlap, reg.method)
+
+
+def model_covariance(reg: Registration) -> FloatArray:
+    """``(4, 4)`` covariance of what tilt and relief do to a registration, about the image centre of b in its pixels.
+
+    The misfit (RMS ``model_sigma_px`` per axis) varies as slowly as the overlap is large, so it does not average out:
+    the fit is off by the misfit at the overlap's centre, by the misfit over the overlap's RMS radius in angle and in
+    log scale, and by what that lever arm makes of it at the image's centre.
+    """
+    m = reg.model_sigma_px
+    if not m > 0.0:
+        return np.zeros((4, 4))
+    centre, radius = _overlap_of(reg)
+    about_overlap = np.diag([m, m, m / radius, m / radius]) ** 2
+    to_centre = Similarity2D.translation_of(*centre).adjoint()
+    return to_centre @ about_overlap @ to_centre.T
+
+
+def _overlap_of(reg: Registration) -> tuple[FloatArray, float]:
+    """``(2,)`` the overlap's centre seen from b's image centre, and its RMS radius; image a is taken as large as b."""
+    w, h = reg.size_b_px
+    x, y = np.meshgrid(np.linspace(0, w - 1, OVERLAP_SAMPLES), np.linspace(0, h - 1, OVERLAP_SAMPLES))
+    b = np.stack([x.ravel(), y.ravel()], axis=1)
+    a = reg.T_a_b.apply(b)
+    inside = b[((a >= 0) & (a <= (w - 1, h - 1))).all(axis=1)]
+    if len(inside) < 4:
+        inside = b
+    centre = inside.mean(axis=0)
+    radius = float(np.sqrt(np.mean(np.sum((inside - centre) ** 2, axis=1))))
+    return centre - (np.array([w, h]) - 1) / 2.0, max(radius, 0.05 * max(w, h), 1.0)

@@ -1,0 +1,185 @@
+"""From a pose graph to poses: initial guess, robust optimisation, covariances, segments.
+
+``solve`` lays out every component by linear steps, puts it on the map, and optimises everything at once (gtsam, or
+SciPy's twin where gtsam is missing). Edges that the robust solver puts aside may split the graph: then the parts are
+laid on the map anew.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.posegraph import Edge, Pose, PoseGraph, Solution
+from photomap_gis.slam import scipy_backend
+from photomap_gis.slam.anchor import anchor
+from photomap_gis.slam.components import IntArray, by_size, component_labels
+from photomap_gis.slam.initial import relative_poses
+from photomap_gis.slam.linear import cost
+from photomap_gis.slam.problem import EdgeTerms, Problem, ScalarTerms, State, Weights, edge_terms, position_terms
+from photomap_gis.slam.reweight import Minimise, RobustState, optimise
+from photomap_gis.slam.robust import REJECTED_BELOW
+
+logger = logging.getLogger(__name__)
+
+Backend = Literal["auto", "gtsam", "scipy"]
+
+MAX_SPLITS = 4
+"""How often a graph that falls apart under rejection is laid out anew."""
+
+
+def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
+    """Return the poses of every frame that the graph ties to something, with covariances.
+
+    With fixes, poses are in map metres, and a component without any fix is left out; without, each component of two
+    or more frames lies in the frame (pixels) of its first one. Frames with a fix but no accepted edge are placed by
+    their fix alone.
+    """
+    minimise = backend_named(backend)
+    frames = np.array(sorted(set(graph.frames)), np.intp)
+    node_of = {int(f): k for k, f in enumerate(frames)}
+    usable = np.array([k for k, e in enumerate(graph.edges) if _is_usable(e, node_of)], np.intp)
+    edges = edge_terms([graph.edges[k] for k in usable], node_of)
+    kept = np.ones(len(edges), bool)
+    labels = component_labels(len(frames), edges.a, edges.b)
+    for _ in range(MAX_SPLITS):
+        active = np.flatnonzero(kept)
+        placed = _place(graph, frames, _rows(edges, active), minimise)
+        kept[active[placed.edges[placed.robust.trust.edges <= REJECTED_BELOW]]] = False
+        before, labels = labels, component_labels(len(frames), edges.a[kept], edges.b[kept])
+        if np.array_equal(before, labels):
+            break
+    rejected = np.setdiff1d(np.arange(len(graph.edges)), usable[kept])
+    return _solution(graph, frames, placed, labels, rejected)
+
+
+def backend_named(backend: Backend) -> Minimise:
+    """Return a backend's function; ``auto`` takes gtsam where it is installed."""
+    if backend == "scipy" or (backend == "auto" and importlib.util.find_spec("gtsam") is None):
+        return scipy_backend.minimise
+    if backend not in ("auto", "gtsam"):
+        raise ValueError(f"backend must be 'auto', 'gtsam' or 'scipy', got {backend!r}")
+    from photomap_gis.slam import gtsam_backend  # optional: no wheel on Windows
+
+    return gtsam_backend.minimise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """The nodes that could be placed, the problem over them, the rows of the edges in it, and its solution."""
+
+    nodes: IntArray
+    problem: Problem
+    edges: IntArray
+    robust: RobustState
+
+
+def _place(graph: PoseGraph, frames: IntArray, edges: EdgeTerms, minimise: Minimise) -> _Placed:
+    """Lay out, anchor and optimise everything that these edges and the graph's observations tie down."""
+    node_of = {int(f): k for k, f in enumerate(frames)}
+    relative = relative_poses(len(frames), edges)
+    scales, headings = _scalars(graph, node_of, relative.labels)
+    positions, _, _ = position_terms(graph.positions, node_of)
+    w, t, fixed = relative.w, relative.t, np.zeros(0, np.intp)
+    if len(positions):
+        anchored = anchor(relative, positions, scales, headings)
+        w, t = anchored.w, anchored.t
+        if anchored.heading_flip:
+            logger.warning("reported headings point backwards against the flight's motion: they are turned by 180°")
+            headings = replace(headings, value=headings.value + np.pi)
+        scales, headings = scales.plus(anchored.scales), headings.plus(anchored.headings)
+    else:
+        alone = np.bincount(relative.labels, minlength=1)[relative.labels] < 2
+        w = np.where(alone, complex(np.nan, np.nan), w)
+        fixed = np.unique(relative.labels, return_index=True)[1].astype(np.intp)
+        scales = headings = ScalarTerms.of([], [], [])
+    nodes = np.flatnonzero(np.isfinite(w) & np.isfinite(t))
+    new = np.full(len(frames), -1, np.intp)
+    new[nodes] = np.arange(len(nodes))
+    inside = np.flatnonzero(new[edges.a] >= 0)
+    inner = _rows(edges, inside)
+    positions, drift, bias = position_terms(graph.positions, {int(frames[k]): int(new[k]) for k in nodes})
+    problem = Problem(
+        len(nodes), replace(inner, a=new[inner.a], b=new[inner.b]), positions, drift, bias,
+        _renumbered(scales, new), _renumbered(headings, new), new[fixed][new[fixed] >= 0],
+    )  # fmt: skip
+    start = State.of_poses(w[nodes], t[nodes], problem)
+    trust = Weights.ones(problem).with_edges(relative.edge_weights[inside])
+    return _Placed(nodes, problem, inside, optimise(problem, start, trust, minimise))
+
+
+def _solution(
+    graph: PoseGraph, frames: IntArray, placed: _Placed, labels: IntArray, rejected: npt.NDArray[np.intp]
+) -> Solution:
+    """Put poses, covariances, segments and residuals together."""
+    problem, robust = placed.problem, placed.robust
+    if not problem.n_nodes:
+        return Solution((), 0.0, tuple(int(k) for k in rejected), graph.revision)
+    covariances = scipy_backend.pose_covariances(problem, robust.state, robust.effective)
+    segments = by_size(np.unique(labels[placed.nodes], return_inverse=True)[1])
+    poses = tuple(
+        Pose(int(frames[node]), robust.state.pose(k), covariances[k], int(segments[k]))
+        for k, node in enumerate(placed.nodes)
+    )
+    return Solution(
+        poses,
+        cost(problem, robust.state, robust.effective),
+        tuple(int(k) for k in rejected),
+        graph.revision,
+        _fit_to_gps(problem, robust, np.bincount(segments)[segments] > 1),
+    )
+
+
+def _fit_to_gps(problem: Problem, robust: RobustState, registered: npt.NDArray[np.bool_]) -> float | None:
+    """Horizontal RMS of registered frames against their fixes, blunders left out: a residual, never an accuracy."""
+    p = problem.positions
+    used = registered[p.node] & (robust.trust.positions > REJECTED_BELOW)
+    if not used.any():
+        return None
+    return float(np.sqrt(np.mean(np.abs(robust.state.t[p.node[used]] - p.z_m[used]) ** 2)))
+
+
+def _scalars(graph: PoseGraph, node_of: dict[int, int], labels: IntArray) -> tuple[ScalarTerms, ScalarTerms]:
+    """Return heights and headings as terms, their sigmas widened to what one flight's readings are worth.
+
+    A flight's heights share one error (take-off is not the ground below), its headings another (the mount, the
+    magnetic field): n of them in a component say no more than one, so each sigma grows by the root of n.
+    """
+    terms = []
+    for rows in (
+        [(o.frame, np.log(o.gsd_m_per_px), o.sigma_log) for o in graph.scales if o.gsd_m_per_px > 0],
+        [(o.frame, o.heading_rad, o.sigma_rad) for o in graph.headings],
+    ):
+        known = [r for r in rows if r[0] in node_of and np.isfinite(r[1]) and r[2] > 0]
+        one = ScalarTerms.of([node_of[r[0]] for r in known], [float(r[1]) for r in known], [r[2] for r in known])
+        if len(one):
+            count = np.bincount(labels[one.node])[labels[one.node]]
+            one = replace(one, sigma=one.sigma * np.sqrt(count))
+        terms.append(one)
+    return terms[0], terms[1]
+
+
+def _is_usable(edge: Edge, node_of: dict[int, int]) -> bool:
+    """Whether an edge ties two known frames by finite numbers."""
+    t = edge.T_a_b
+    numbers = np.array([t.tx, t.ty, t.angle_rad, t.log_scale, *np.ravel(edge.covariance)])
+    tied = edge.a != edge.b and edge.a in node_of and edge.b in node_of
+    return bool(tied and np.isfinite(numbers).all() and (np.diagonal(edge.covariance) > 0).all())
+
+
+def _rows(edges: EdgeTerms, rows: IntArray) -> EdgeTerms:
+    """Return some of the edges."""
+    return EdgeTerms(
+        edges.a[rows], edges.b[rows], edges.w[rows], edges.t[rows], edges.information[rows], edges.loop[rows]
+    )
+
+
+def _renumbered(terms: ScalarTerms, new: IntArray) -> ScalarTerms:
+    """Return the terms whose node is kept, under its new number."""
+    keep = new[terms.node] >= 0
+    return ScalarTerms(new[terms.node[keep]], terms.value[keep], terms.sigma[keep])

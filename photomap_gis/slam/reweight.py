@@ -1,0 +1,93 @@
+"""Robust optimisation around a least-squares backend: judge every term by its residual, weigh, minimise, repeat.
+
+Residuals are judged against the spread found in their kind (edges; fixes, flight by flight), never below what is
+claimed: registrations or fixes that are worse than they say widen all alike, and only what stands out of its kind
+is put aside. The spread shrinks as the solution improves, which grades the rejection by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.slam.linear import edge_residuals, heading_residuals, position_residuals, squared_distances
+from photomap_gis.slam.problem import Problem, State, Weights
+from photomap_gis.slam.robust import redescending, spread
+
+EDGE_LIMIT = 4.0
+POSITION_LIMIT = 3.5
+HEADING_LIMIT = 3.0
+"""Sigmas (of the spread found) beyond which a term loses its weight."""
+MAX_ROUNDS = 12
+SETTLED = 0.02
+"""Weights that change by less than this have settled."""
+
+
+class Minimise(Protocol):
+    """What a backend offers: weighted least squares from a start."""
+
+    def __call__(self, problem: Problem, weights: Weights, start: State, *, max_iterations: int = 20) -> State:
+        """Return the state of least weighted squares."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobustState:
+    """A robust solution: ``trust`` are weights 0..1 of the terms; ``effective`` also holds the spread found."""
+
+    state: State
+    trust: Weights
+    effective: Weights
+
+
+def optimise(problem: Problem, start: State, trust: Weights, minimise: Minimise) -> RobustState:
+    """Return the robust solution that re-weighting reaches from ``start``, beginning with these trusts."""
+    if not problem.n_nodes:
+        return RobustState(start, trust, trust)
+    redundancy = _redundancy(problem)
+    state, effective = start, trust
+    for _ in range(MAX_ROUNDS):
+        state = minimise(problem, effective, state, max_iterations=15)
+        edges = squared_distances(edge_residuals(problem, state), problem.edges.information)
+        fixes = squared_distances(position_residuals(problem, state), problem.positions.information)
+        headings = (heading_residuals(problem, state) / problem.headings.sigma) ** 2
+        edge_spread = spread(edges, 4, redundancy)
+        fix_spread = _spread_by_flight(problem, fixes)
+        renewed = Weights(
+            redescending(edges / edge_spread**2, EDGE_LIMIT),
+            redescending(fixes / fix_spread**2, POSITION_LIMIT),
+            trust.scales,
+            redescending(headings, HEADING_LIMIT),
+        )
+        change = _change(trust, renewed)
+        trust = renewed
+        before = effective
+        effective = Weights(trust.edges / edge_spread**2, trust.positions / fix_spread**2, trust.scales, trust.headings)
+        if change < SETTLED and _change(before, effective) < SETTLED:
+            break
+    return RobustState(state, trust, effective)
+
+
+def _redundancy(problem: Problem) -> float:
+    """Share of the edges that a spanning forest does not use up."""
+    return 1.0 - min(1.0, (problem.n_nodes - 1) / max(len(problem.edges), 1))
+
+
+def _spread_by_flight(problem: Problem, squared: FloatArray) -> FloatArray:
+    """``(P,)`` spread of each fix's flight; flights of few fixes are judged together."""
+    flight = problem.positions.flight
+    out = np.full(len(squared), spread(squared, 2))
+    for f in np.unique(flight):
+        rows = flight == f
+        if rows.sum() >= 8:
+            out[rows] = spread(squared[rows], 2)
+    return out
+
+
+def _change(a: Weights, b: Weights) -> float:
+    """Return the greatest change of a weight."""
+    pairs = ((a.edges, b.edges), (a.positions, b.positions), (a.headings, b.headings))
+    return max((float(np.abs(x - y).max()) for x, y in pairs if len(x)), default=0.0)

@@ -1,0 +1,6 @@
+"""The synthetic flights are a plain module beside these tests."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
