@@ -102,7 +102,8 @@ def find_files(sources: Sequence[Path | str]) -> FoundFiles:
             repeated += key in into
             into.setdefault(key, path)
     if repeated:
-        warnings.append(f"{repeated} files were named more than once: each is used once")
+        many = "s were" if repeated > 1 else " was"
+        warnings.append(f"{repeated} file{many} named more than once: each is used once")
     return FoundFiles(tuple(photos.values()), tuple(videos.values()), tuple(warnings))
 
 

@@ -94,11 +94,11 @@ def read_still(path: Path) -> Still:
         return Still(path, problem=f"unreadable: {header.width_px} x {header.height_px} pixels are too many")
     exif = read_exif(header.tags)
     xmp = read_xmp(header.xmp, exif.make)
-    role = _role(path, (header.width_px, header.height_px), xmp)
+    role = _role(path, (header.width_px, header.height_px), exif.make, xmp)
     return Still(path, header.width_px, header.height_px, exif, xmp, role, header.is_map)
 
 
-def _role(path: Path, size_px: tuple[int, int], xmp: XmpFacts) -> CameraRole:
+def _role(path: Path, size_px: tuple[int, int], make: str, xmp: XmpFacts) -> CameraRole:
     """Tell which of a drone's cameras took the photo: by its own word, its band, its name, its size."""
     source = xmp.source.lower()
     for word, role in _ROLE_OF_SOURCE:
@@ -111,8 +111,11 @@ def _role(path: Path, size_px: tuple[int, int], xmp: XmpFacts) -> CameraRole:
         word = found.group(1).upper()
         if word.startswith("MS_"):
             return CameraRole.BAND
-        return _ROLE_OF_NAME.get(word, CameraRole.VISIBLE)
-    return CameraRole.THERMAL if size_px in _THERMAL_SIZES and xmp.make else CameraRole.VISIBLE
+        # a single letter means a lens in DJI's names only
+        if len(word) > 1 or path.stem.upper().startswith("DJI") or make.upper().startswith(("DJI", "HASSELBLAD")):
+            return _ROLE_OF_NAME.get(word, CameraRole.VISIBLE)
+    is_drone = make.upper().startswith(("DJI", "AUTEL", "PARROT", "FLIR")) or bool(xmp.make)
+    return CameraRole.THERMAL if size_px in _THERMAL_SIZES and is_drone else CameraRole.VISIBLE
 
 
 def read_photo(ref: FrameRef) -> Frame:
