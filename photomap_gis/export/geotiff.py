@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import rasterio
 import rasterio.shutil
 from rasterio.enums import ColorInterp
@@ -19,6 +20,7 @@ from rio_cogeo.cogeo import cog_validate
 from photomap_gis.core.errors import OutputError, UsageError
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.pixels import Rgba
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.warp import target_grid, warped
 
@@ -83,7 +85,7 @@ def write_geotiff(
             for done, window in enumerate(windows, start=1):
                 rgba = source.read(window)
                 if rgba[..., 3].any():  # what is never written stays sparse and reads as transparent
-                    out.write(np.ascontiguousarray(rgba.transpose(2, 0, 1)), window=RasterWindow(*window))
+                    out.write(_planes(rgba), window=RasterWindow(*window))
                 if on_progress is not None:
                     on_progress(done, total)
         draft_to_cog(draft, temporary, compression=compression.upper())
@@ -91,6 +93,15 @@ def write_geotiff(
         if on_progress is not None:
             on_progress(total, total)
     return grid
+
+
+def _planes(rgba: Rgba) -> npt.NDArray[np.uint8]:
+    """``(4, H, W)``; black where nothing was seen, for programs that do not look at alpha."""
+    planes = np.ascontiguousarray(rgba.transpose(2, 0, 1))
+    hidden = planes[3] == 0
+    if hidden.any():
+        planes[:3, hidden] = 0
+    return planes
 
 
 @contextlib.contextmanager

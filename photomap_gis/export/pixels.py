@@ -80,19 +80,18 @@ def _soften(image: npt.NDArray[Any], shrink_xy: tuple[float, float]) -> npt.NDAr
 
 
 def _premultiplied(rgba: Rgba) -> npt.NDArray[np.float32]:
-    out = rgba.astype(np.float32)
-    out[..., :3] *= out[..., 3:] * (1.0 / 255.0)
-    return out
+    # Plane by plane: cv2 works on those at the speed of memory, numpy on strided pixels at a fifth of it.
+    red, green, blue, alpha = cv2.split(rgba)
+    planes = [cv2.multiply(c, alpha, scale=1.0 / 255.0, dtype=cv2.CV_32F) for c in (red, green, blue)]
+    return np.asarray(cv2.merge([*planes, alpha.astype(np.float32)]), dtype=np.float32)
 
 
-def _straight(premultiplied: npt.NDArray[Any]) -> Rgba:
-    p = np.asarray(premultiplied, dtype=np.float32)
-    alpha = p[..., 3:].clip(0.0, 255.0)
-    # Bicubic overshoots: colour must not exceed what its alpha can carry.
-    colour = np.divide(p[..., :3] * 255.0, alpha, out=np.zeros_like(p[..., :3]), where=alpha >= 0.5)
-    out = np.empty(p.shape, np.uint8)
-    np.rint(colour.clip(0.0, 255.0), out=colour)
-    out[..., :3] = colour
-    out[..., 3:] = np.rint(alpha)
-    out[out[..., 3] == 0] = 0
-    return out
+def _straight(premultiplied: npt.NDArray[np.float32]) -> Rgba:
+    red, green, blue, alpha = cv2.split(premultiplied)
+    # Bicubic overshoots in colour and alpha alike: divide before either is clipped. cv2 rounds and clips to 0 ... 255,
+    # and what rounds to alpha 0 has no colour.
+    seen = np.where(alpha > 0.5, np.uint8(255), np.uint8(0))
+    weight = np.float32(255.0) / np.maximum(alpha, np.float32(0.5))
+    planes = [cv2.bitwise_and(cv2.multiply(c, weight, dtype=cv2.CV_8U), seen) for c in (red, green, blue)]
+    opacity = np.where(seen > 0, np.rint(alpha).clip(0.0, 255.0), 0.0).astype(np.uint8)
+    return np.asarray(cv2.merge([*planes, opacity]), dtype=np.uint8)

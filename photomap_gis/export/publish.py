@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from rasterio._err import CPLE_BaseError  # some of GDAL's errors come unwrapped
 from rasterio.errors import RasterioError
 
 from photomap_gis.core.errors import DataError, OutputError
@@ -77,7 +78,7 @@ def output_errors(path: Path) -> Iterator[None]:
         if isinstance(error, RasterioError):
             raise _writer_failed(path, error) from error
         raise OutputError(_os_message(path, error)) from error
-    except RasterioError as error:
+    except (RasterioError, CPLE_BaseError) as error:
         raise _writer_failed(path, error) from error
 
 

@@ -23,6 +23,7 @@ from photomap_gis.export.pixels import Rgba, sample, shrink
 
 _BLOCK_PX = 1024  # the target is resampled in blocks of this side
 _CHUNK_PX = 2048  # the source is read for shrinking in chunks of about this side
+_PART_PX = 256
 _LATTICE_PX = 64
 _LATTICE_TOLERANCE_PX = 0.01
 _SAME_PX = 1e-4  # grids that differ by less than this part of a pixel are one
@@ -158,7 +159,7 @@ class Resampler:
         self.source, self.grid = source, grid
         self._to_source = _pixel_map(grid, source.grid)
         shrink_xy = _shrink(source.grid, grid)
-        self._factor = max(1, math.floor(min(shrink_xy) + 1e-6))
+        self._factor = max(1, min(_CHUNK_PX, math.floor(min(shrink_xy) + 1e-6)))
         self._rest = (shrink_xy[0] / self._factor, shrink_xy[1] / self._factor)
         self._margin = 4 + math.ceil(2.2 * max(0.0, max(self._rest) - 1.0) + 1.0)
 
@@ -181,14 +182,31 @@ class Resampler:
         if not (np.isfinite(x).any() and np.isfinite(y).any()):
             return None
         cols, rows = -(-g.width // f), -(-g.height // f)
-        left = max(0, math.floor(float(np.nanmin(x)) + 0.0) - self._margin)
-        top = max(0, math.floor(float(np.nanmin(y)) + 0.0) - self._margin)
+        left = max(0, math.floor(float(np.nanmin(x))) - self._margin)
+        top = max(0, math.floor(float(np.nanmin(y))) - self._margin)
         right = min(cols, math.ceil(float(np.nanmax(x))) + self._margin + 1)
         bottom = min(rows, math.ceil(float(np.nanmax(y))) + self._margin + 1)
         if right <= left or bottom <= top:
             return None
         piece = read_shrunk(self.source, Window(left, top, right - left, bottom - top), f)
-        return sample(piece, x - left, y - top, shrink_xy=self._rest)
+        return self._sample(piece, x - left, y - top)
+
+    def _sample(self, piece: Rgba, x: FloatArray, y: FloatArray) -> Rgba:
+        """Sample in parts: only those at the map's border need the slow way with alpha."""
+        out = np.zeros((*x.shape, 4), np.uint8)
+        m = self._margin
+        for r in range(0, x.shape[0], _PART_PX):
+            for c in range(0, x.shape[1], _PART_PX):
+                part = (slice(r, r + _PART_PX), slice(c, c + _PART_PX))
+                px, py = x[part], y[part]
+                if not (np.isfinite(px).any() and np.isfinite(py).any()):
+                    continue
+                left, top = (max(0, math.floor(float(np.nanmin(v))) - m) for v in (px, py))
+                right, bottom = (math.ceil(float(np.nanmax(v))) + m + 1 for v in (px, py))
+                near = piece[top : max(top, bottom), left : max(left, right)]
+                if near.size and near[..., 3].any():
+                    out[part] = sample(near, px - left, py - top, shrink_xy=self._rest)
+        return out
 
 
 def lattice(point_map_px: PointMap, window: Window) -> tuple[FloatArray, FloatArray]:
