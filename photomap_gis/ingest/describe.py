@@ -143,7 +143,12 @@ def _range(values: Sequence[float]) -> Range | None:
 
 
 def _cameras(frames: Sequence[FrameRef]) -> tuple[CameraInfo, ...]:
-    counts = Counter(f.camera if f.camera is not None else Camera(f.width_px, f.height_px) for f in frames)
+    """List the cameras; a lens that zooms through a video counts once a degree of its field of view."""
+    cameras = [f.camera if f.camera is not None else Camera(f.width_px, f.height_px) for f in frames]
+    alike: dict[tuple[object, ...], Camera] = {}
+    for c in cameras:
+        alike.setdefault(_likeness(c), c)
+    counts = Counter(alike[_likeness(c)] for c in cameras)
     return tuple(
         CameraInfo(
             name=camera.name or "unknown camera",
@@ -157,6 +162,11 @@ def _cameras(frames: Sequence[FrameRef]) -> tuple[CameraInfo, ...]:
         )
         for camera, count in counts.most_common()
     )
+
+
+def _likeness(camera: Camera) -> tuple[object, ...]:
+    degrees = None if camera.hfov_rad is None else round(math.degrees(camera.hfov_rad))
+    return (camera.name, camera.width_px, camera.height_px, camera.origin, degrees)
 
 
 def _gsd(frame: FrameRef) -> float | None:

@@ -17,7 +17,7 @@ from typing import BinaryIO
 from PIL import Image, UnidentifiedImageError
 
 from photomap_gis.core.errors import FrameReadError
-from photomap_gis.ingest.tiff_tags import TiffTags, number, read_tags
+from photomap_gis.ingest.tiff_tags import TagValue, TiffTags, number, read_tags
 
 # Every start-of-frame marker; C4, C8 and CC are tables.
 _SOF = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
@@ -29,6 +29,7 @@ _END_OF_PNG = b"IEND\xaeB`\x82"
 _TAIL_BYTES = 65_536
 _MAX_SEGMENTS = 4096
 _TAG_WIDTH, _TAG_HEIGHT, _TAG_XMP = 0x100, 0x101, 0x2BC
+_TAG_STRIPS, _TAG_STRIP_BYTES, _TAG_TILES, _TAG_TILE_BYTES = 0x111, 0x117, 0x144, 0x145
 # ModelPixelScale, ModelTiepoint, ModelTransformation, GeoKeyDirectory: this raster is a map, not a photo.
 _GEO_TAGS = frozenset({33550, 33922, 34264, 34735})
 
@@ -153,12 +154,30 @@ def _read_tiff(path: Path, file: BinaryIO) -> PhotoHeader:
     if not width or not height:
         raise FrameReadError(f"{path.name}: the TIFF has no picture in it: copy it again")
     packet = tags.main.get(_TAG_XMP)
-    xmp = packet if isinstance(packet, bytes) else bytes(packet) if _is_bytes(packet) else b""
-    return PhotoHeader("tiff", int(width), int(height), tags, xmp)
+    if _tiff_end(tags) > path.stat().st_size:
+        raise FrameReadError(f"{path.name}: the file is cut off: copy it again")
+    return PhotoHeader("tiff", int(width), int(height), tags, _as_bytes(packet))
 
 
-def _is_bytes(value: object) -> bool:
-    return isinstance(value, tuple) and all(isinstance(v, int) and 0 <= v < 256 for v in value)
+def _tiff_end(tags: TiffTags) -> int:
+    """Return where the last strip or tile of a TIFF's picture ends."""
+    ends = [0]
+    for where, size in ((_TAG_STRIPS, _TAG_STRIP_BYTES), (_TAG_TILES, _TAG_TILE_BYTES)):
+        offsets, counts = tags.main.get(where), tags.main.get(size)
+        if isinstance(offsets, tuple) and isinstance(counts, tuple) and len(offsets) == len(counts):
+            ends += [
+                int(a + b) for a, b in zip(offsets, counts, strict=True) if isinstance(a, int) and isinstance(b, int)
+            ]
+    return max(ends)
+
+
+def _as_bytes(value: TagValue | None) -> bytes:
+    """XMP is written as bytes of the kind "byte" or "undefined"; only the latter come as such."""
+    if isinstance(value, bytes):
+        return value
+    if not isinstance(value, tuple):
+        return b""
+    return bytes(v for v in value if isinstance(v, int) and 0 <= v < 256)
 
 
 def _read_other(path: Path, file: BinaryIO) -> PhotoHeader:
@@ -184,12 +203,14 @@ def _read_other(path: Path, file: BinaryIO) -> PhotoHeader:
 
 
 def has_whole_picture(data: bytes) -> bool:
-    """Whether the bytes of a JPEG or PNG reach to the picture's end; true for formats that cannot say."""
+    """Whether the bytes of a JPEG, PNG or TIFF reach to the picture's end; true for formats that cannot say."""
     if data[:2] == b"\xff\xd8":
         scan = _scan_start(data)
         return scan > 0 and data.find(_END_OF_JPEG, scan) > 0
     if data[:8] == b"\x89PNG\r\n\x1a\n":
         return _END_OF_PNG in data[-_TAIL_BYTES:]
+    if data[:4] in (b"II*\0", b"MM\0*"):
+        return _tiff_end(read_tags(data)) <= len(data)
     return True
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,8 +112,8 @@ def camera_for(
 
 def _estimates(facts: LensFacts, profile: CameraProfile | None, width_px: int, height_px: int) -> Iterator[_Estimate]:
     full_width = _full_width(facts, profile, width_px, height_px)
+    full = _calibrated_width(facts, width_px, height_px) or full_width
     for calibration in facts.calibrations:
-        full = full_width or _width_of_centre(calibration)
         scale = _pure_scale(width_px, height_px, full) if full else 1.0
         sigma = 0.005 if calibration.centre_offset_xy_px is not None else 0.012
         yield _Estimate(calibration.focal_px * scale, sigma if full else 0.05, calibration.origin, calibration, scale)
@@ -173,10 +173,18 @@ def _recorded_width(facts: LensFacts, shape: float) -> int | None:
     return long if abs(long / short / shape - 1.0) < 0.01 else None
 
 
-def _width_of_centre(calibration: Calibration) -> int | None:
-    """A principal point lies within a few percent of the middle: twice it is the raster's width, nearly."""
-    centre = calibration.centre_xy_px
-    return round(2.0 * max(centre)) if centre is not None else None
+def _calibrated_width(facts: LensFacts, width_px: int, height_px: int) -> int | None:
+    """Return the long side of the raster that a calibration means: its centre lies within a few percent of the middle.
+
+    Tells the full from the quarter raster of a quad-Bayer camera; recorded and stored widths are exact where they fit.
+    """
+    centres = [c.centre_xy_px for c in facts.calibrations if c.centre_xy_px is not None]
+    if not centres:
+        return None
+    about = 2.0 * max(centres[0])
+    recorded = max(facts.full_width_px or 0, facts.full_height_px or 0)
+    exact = [w * k for w in (recorded, max(width_px, height_px)) for k in (1, 2, 4, 0.5, 0.25)]
+    return round(next((w for w in exact if abs(w / about - 1.0) < 0.05), about))
 
 
 def _pure_scale(width_px: int, height_px: int, full_width: int) -> float:
@@ -201,18 +209,24 @@ def _is_plausible(estimate: _Estimate, width_px: int) -> bool:
 
 
 def _most_trusted(estimates: Sequence[_Estimate]) -> _Estimate | None:
-    """Return the estimate of the smallest sigma among those with the most support; a lone voice loses to two."""
+    """Return the estimate of the smallest sigma among those with the most support; a lone voice loses to two.
+
+    Its sigma is widened to half of what good estimates that support it differ by.
+    """
     if not estimates:
         return None
+    supporters = [[o for o in estimates if _agree(e, o)] for e in estimates]
+    most = max(len(s) for s in supporters)
+    best, with_it = min(
+        ((e, s) for e, s in zip(estimates, supporters, strict=True) if len(s) == most),
+        key=lambda pair: pair[0].sigma_rel,
+    )
+    spread = max((abs(math.log(o.focal_px / best.focal_px)) for o in with_it if o.sigma_rel < 0.05), default=0.0)
+    return replace(best, sigma_rel=max(best.sigma_rel, spread / 2.0))
 
-    def support(e: _Estimate) -> int:
-        return sum(
-            abs(math.log(e.focal_px / o.focal_px)) < AGREEMENT + 2.0 * max(o.sigma_rel, e.sigma_rel) for o in estimates
-        )
 
-    most = max(support(e) for e in estimates)
-    trusted = [e for e in estimates if support(e) == most or most == 1]
-    return min(trusted, key=lambda e: e.sigma_rel)
+def _agree(a: _Estimate, b: _Estimate) -> bool:
+    return abs(math.log(a.focal_px / b.focal_px)) < AGREEMENT + 2.0 * max(a.sigma_rel, b.sigma_rel)
 
 
 def _calibrated_camera(best: _Estimate, width_px: int, height_px: int, name: str, sigma: float) -> Camera:

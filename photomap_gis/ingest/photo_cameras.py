@@ -46,16 +46,16 @@ class CameraGroup:
 def group_by_camera(stills: Sequence[Still]) -> list[CameraGroup]:
     """Return the groups of readable photos, each in the order given; the largest group comes first."""
     cameras: dict[tuple[object, ...], Camera] = {}
-    members: dict[tuple[str, str, CameraRole], list[tuple[Still, Camera]]] = {}
+    members: dict[tuple[str, str, CameraRole, str], list[tuple[Still, Camera]]] = {}
     for still in stills:
         key = (still.lens, still.width_px, still.height_px)
         if key not in cameras:
             cameras[key] = camera_for(still.width_px, still.height_px, still.lens)
-        body = (still.make.lower(), still.model.lower(), still.role)
+        body = (still.make.lower(), still.model.lower(), still.role, still.band)
         members.setdefault(body, []).append((still, cameras[key]))
     groups = [
         CameraGroup(_name(part[0][0], part[0][1]), role, tuple(s for s, _ in part), tuple(c for _, c in part))
-        for (_, _, role), body in members.items()
+        for (_, _, role, _), body in members.items()
         for part in _parts(body)
     ]
     return sorted(_adopt_unknown(groups), key=lambda g: -len(g.stills))
@@ -64,6 +64,8 @@ def group_by_camera(stills: Sequence[Still]) -> list[CameraGroup]:
 def _name(still: Still, camera: Camera) -> str:
     name = camera.name or "unknown camera"
     known = name.lower()
+    if still.role is CameraRole.BAND:
+        return f"{name}, {still.band}"
     if still.role is not CameraRole.VISIBLE and still.role.value not in known:
         return f"{name} ({still.role.value})"
     return name
@@ -186,10 +188,17 @@ def _widest(groups: Sequence[CameraGroup]) -> list[CameraGroup]:
     """Return the widest of the groups that matter, with every group of the same width (two bodies of one fleet)."""
     most = max(len(g.stills) for g in groups)
     fair = [g for g in groups if len(g.stills) >= _FEW * most]
+    if all(g.role is CameraRole.BAND for g in fair):  # one shot of a multispectral camera is one photo a band
+        return [min(fair, key=lambda g: (_band_rank(g.stills[0].band), -len(g.stills)))]
     if any(g.hfov_rad is None for g in fair):
         return [max(fair, key=lambda g: (g.role is not CameraRole.ZOOM, len(g.stills)))]
     wide = max(g.hfov_rad or 0.0 for g in fair)
     return [g for g in fair if g.hfov_rad is not None and abs(math.log(g.hfov_rad / wide)) < _SAME_FOCAL]
+
+
+def _band_rank(band: str) -> int:
+    """Green and red show what a map of colours shows."""
+    return next((i for i, known in enumerate(("g", "r", "n")) if band.startswith(known) and band != "re"), 3)
 
 
 def _narrowest(groups: Sequence[CameraGroup]) -> list[CameraGroup]:

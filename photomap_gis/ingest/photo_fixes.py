@@ -50,6 +50,12 @@ def judge_fixes(
     return judged
 
 
+def says_one_place(fixes: Sequence[GpsFix | None]) -> bool:
+    """Whether several photos all carry the very same position: the take-off's, or an album's, but not each its own."""
+    places = [(f.lat_deg, f.lon_deg) for f in fixes if f is not None]
+    return len(places) >= 4 and len(set(places)) == 1
+
+
 def _common_step_deg(fixes: Sequence[GpsFix]) -> float:
     """Return the coarsest step of which every latitude and longitude is a multiple, 0 where it is fine."""
     values = {v for f in fixes for v in (f.lat_deg, f.lon_deg)}

@@ -14,8 +14,9 @@ from photomap_gis.core.frame import Flight, Footage, FrameRef
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.photo_cameras import CameraGroup, choose_cameras, group_by_camera, override_lens
 from photomap_gis.ingest.photo_clock import read_clock
-from photomap_gis.ingest.photo_fixes import judge_fixes, read_fix
+from photomap_gis.ingest.photo_fixes import judge_fixes, read_fix, says_one_place
 from photomap_gis.ingest.photo_flights import Shot, natural_key, split_flights
+from photomap_gis.ingest.profiles import CameraRole
 from photomap_gis.ingest.stills import Still, read_still
 from photomap_gis.parallel import map_jobs
 
@@ -63,7 +64,7 @@ def _frames(
     homeless = list(bad)
     for group in groups:
         for body in _bodies(group):
-            here = [s for s in homeless if any(s.path.parent == g.path.parent for g, _ in body)]
+            here = [s for s in homeless if any(s.path.parent == g.path.parent for g, _ in body) and _could_be(s, group)]
             homeless = [s for s in homeless if s not in here]
             members: list[tuple[Still, Camera | None]] = sorted(
                 [*body, *((s, None) for s in here)], key=lambda pair: natural_key(pair[0].path)
@@ -74,16 +75,21 @@ def _frames(
             found += [
                 ([(*members[shot.at], shot.time_s) for shot in flight], group.name) for flight in split_flights(shots)
             ]
-    if homeless and found:
-        found[0][0].extend((s, None, None) for s in homeless)
+    if found:
+        found[0][0].extend((s, None, None) for s in homeless if s.role is CameraRole.VISIBLE)
     found.sort(key=lambda f: min((t for _, _, t in f[0] if t is not None), default=float("inf")))
-    names = _unique_names([s.path for members, _ in found for s, _, _ in members])
+    names = _unique_names([s.path for flight, _ in found for s, _, _ in flight])
     frames: list[FrameRef] = []
     flights: list[Flight] = []
-    for members, camera_name in found:
-        flights.append(Flight(len(flights), members[0][0].path.parent.name or "photos", camera_name))
-        frames += _flight_frames(members, names, first_index=len(frames), flight=flights[-1].id)
+    for flight, camera_name in found:
+        flights.append(Flight(len(flights), flight[0][0].path.parent.name or "photos", camera_name))
+        frames += _flight_frames(flight, names, warnings, first_index=len(frames), number=flights[-1].id)
     return frames, _name_apart(flights)
+
+
+def _could_be(unreadable: Still, group: CameraGroup) -> bool:
+    """Whether a photo that only its name tells of can be one of the group's."""
+    return unreadable.role in (group.role, CameraRole.VISIBLE)
 
 
 def _bodies(group: CameraGroup) -> list[list[tuple[Still, Camera]]]:
@@ -103,23 +109,31 @@ def _bodies(group: CameraGroup) -> list[list[tuple[Still, Camera]]]:
 def _flight_frames(
     members: Sequence[tuple[Still, Camera | None, float | None]],
     names: dict[Path, str],
+    warnings: list[str],
     *,
     first_index: int,
-    flight: int,
+    number: int,
 ) -> list[FrameRef]:
+    """Return one flight's frames, its fixes judged together."""
     raw = [read_fix(s) for s, _, _ in members]
     times = [t for _, _, t in members]
     has_xmp = [s.xmp.lat_deg is not None for s, _, _ in members]
     steps = [0.0 if x else s.exif.step_deg for x, (s, _, _) in zip(has_xmp, members, strict=True)]
+    if says_one_place(raw):
+        warnings.append(
+            f"all photos of {members[0][0].path.parent.name} carry the same position: it is not used; "
+            "--track FILE gives them theirs"
+        )
+        raw = [None] * len(raw)
     fixes = judge_fixes(raw, times, steps)
-    frames = [
+    return [
         FrameRef(
             index=first_index + i,
             name=names[still.path],
             source=str(still.path),
             width_px=still.width_px,
             height_px=still.height_px,
-            flight=flight,
+            flight=number,
             time_s=time_s,
             fix=fixes[i],
             attitude=still.xmp.attitude,
@@ -129,7 +143,6 @@ def _flight_frames(
         )
         for i, (still, camera, time_s) in enumerate(members)
     ]
-    return frames
 
 
 def _unique_names(paths: Sequence[Path]) -> dict[Path, str]:

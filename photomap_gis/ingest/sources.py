@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import logging
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ logger = logging.getLogger(__name__)
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".webm"})
 MISSION_MARK = "mission.json"  # a mission's own tiles and maps are no photos
+_LOG_SUFFIXES = frozenset({".gpx", ".csv", ".tlog", ".bin", ".ulg", ".klv", ".srt"})
 _FEW_PHOTOS = 3
 
 
@@ -45,8 +47,8 @@ def open_sources(
 ) -> Footage:
     """Return the footage of all sources: frames numbered from ``first_index`` in order of flight and time.
 
-    A source is a folder (with its subfolders), a glob, a photo or a video. Flights are numbered from ``first_flight``,
-    photos before videos. Raises ``DataError`` where a source is missing or nothing can be used, ``UsageError`` where an
+    A source is a folder (with its subfolders), a glob, a photo or a video. Flights are numbered from ``first_flight``
+    in order of time. Raises ``DataError`` where a source is missing or nothing can be used, ``UsageError`` where an
     option makes no sense.
     """
     options = options or IngestOptions()
@@ -58,27 +60,44 @@ def open_sources(
             from photomap_gis.ingest.photo_track import place_by_track
 
             part = place_by_track(part, options)
-        parts.append(part)
+        parts.append(_hint_at_logs(part))
     if found.videos:
         from photomap_gis.ingest.video import video_footage  # PyAV loads slowly, and photos do not need it
 
-        parts.append(video_footage(found.videos, options))
+        parts.append(video_footage(found.videos, options, on_progress=on_progress))
     return _renumber(parts, found.warnings, first_index, first_flight)
 
 
 def _renumber(parts: Sequence[Footage], warnings: Sequence[str], first_index: int, first_flight: int) -> Footage:
+    """Join the parts: flights in order of time (unknown ones last), each with its frames in their order."""
+    flown: list[tuple[float, Flight, list[FrameRef]]] = []
+    for part in parts:
+        for flight in part.flights:
+            members = [f for f in part.frames if f.flight == flight.id]
+            start = min((f.time_s for f in members if f.time_s is not None), default=math.inf)
+            flown.append((start, flight, members))
     frames: list[FrameRef] = []
     flights: list[Flight] = []
-    for part in parts:
-        base = first_flight + len(flights)
-        number = {flight.id: base + i for i, flight in enumerate(part.flights)}
-        flights += [replace(flight, id=number[flight.id]) for flight in part.flights]
+    for _, flight, members in sorted(flown, key=lambda f: f[0]):
+        flights.append(replace(flight, id=first_flight + len(flights)))
         frames += [
-            replace(frame, index=first_index + len(frames) + i, flight=number[frame.flight])
-            for i, frame in enumerate(part.frames)
+            replace(frame, index=first_index + len(frames) + i, flight=flights[-1].id)
+            for i, frame in enumerate(members)
         ]
     said = (*warnings, *(w for part in parts for w in part.warnings))
     return Footage(tuple(frames), tuple(flights), tuple(dict.fromkeys(said)))
+
+
+def _hint_at_logs(part: Footage) -> Footage:
+    """Tell of telemetry that lies beside photos without positions: photos do not name their log, so the user must."""
+    if any(f.fix is not None for f in part.frames):
+        return part
+    folders = {Path(f.source).parent for f in part.frames}
+    logs = [p for folder in folders for p in folder.iterdir() if p.suffix.lower() in _LOG_SUFFIXES]
+    if not logs:
+        return part
+    hint = f"the photos have no positions, but {min(logs).name} lies beside them: --track {min(logs)} uses it"
+    return replace(part, warnings=(*part.warnings, hint))
 
 
 def find_files(sources: Sequence[Path | str]) -> FoundFiles:
@@ -100,7 +119,7 @@ def find_files(sources: Sequence[Path | str]) -> FoundFiles:
         for path, into in [(p, photos) for p in named_photos] + [(p, videos) for p in named_videos]:
             key = path.resolve()
             repeated += key in into
-            into.setdefault(key, path)
+            into.setdefault(key, path.absolute())  # a mission is resumed from anywhere
     if repeated:
         many = "s were" if repeated > 1 else " was"
         warnings.append(f"{repeated} file{many} named more than once: each is used once")

@@ -54,7 +54,10 @@ _THERMAL_SIZES = frozenset({(640, 512), (640, 480), (336, 256), (320, 240), (160
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A photo without its pixels, and all that its header says; ``problem`` where it cannot be read."""
+    """A photo without its pixels, and all that its header says; ``problem`` where it cannot be read.
+
+    ``band`` tells the spectral bands of one multispectral camera apart.
+    """
 
     path: Path
     width_px: int = 0
@@ -62,6 +65,7 @@ class Still:
     exif: ExifFacts = field(default_factory=ExifFacts)
     xmp: XmpFacts = field(default_factory=XmpFacts)
     role: CameraRole = CameraRole.VISIBLE
+    band: str = ""
     is_map: bool = False
     problem: str | None = None
 
@@ -89,33 +93,36 @@ def read_still(path: Path) -> Still:
     try:
         header = read_header(path)
     except FrameReadError as error:
-        return Still(path, problem=f"unreadable: {str(error).removeprefix(path.name + ': ')}")
+        role, band = _role(path, (0, 0), "", XmpFacts())
+        why = str(error).removeprefix(f"{path.name}: ")
+        return Still(path, role=role, band=band, problem=f"unreadable: {why}")
     if header.width_px * header.height_px > MAX_PIXELS:
         return Still(path, problem=f"unreadable: {header.width_px} x {header.height_px} pixels are too many")
     exif = read_exif(header.tags)
     xmp = read_xmp(header.xmp, exif.make)
-    role = _role(path, (header.width_px, header.height_px), exif.make, xmp)
-    return Still(path, header.width_px, header.height_px, exif, xmp, role, header.is_map)
+    role, band = _role(path, (header.width_px, header.height_px), exif.make, xmp)
+    return Still(path, header.width_px, header.height_px, exif, xmp, role, band, header.is_map)
 
 
-def _role(path: Path, size_px: tuple[int, int], make: str, xmp: XmpFacts) -> CameraRole:
-    """Tell which of a drone's cameras took the photo: by its own word, its band, its name, its size."""
+def _role(path: Path, size_px: tuple[int, int], make: str, xmp: XmpFacts) -> tuple[CameraRole, str]:
+    """Tell which of a drone's cameras took the photo, and its band: by its own word, its band, its name, its size."""
     source = xmp.source.lower()
     for word, role in _ROLE_OF_SOURCE:
         if word in source:
-            return role
-    if xmp.band:
-        return CameraRole.THERMAL if xmp.band.lower() in _THERMAL_BANDS else CameraRole.BAND
+            return role, ""
+    band = xmp.band.lower()
+    if band and "," not in band:  # several bands in one raster are a colour camera's
+        return (CameraRole.THERMAL, "") if band in _THERMAL_BANDS else (CameraRole.BAND, band)
     found = _LENS_SUFFIX.search(path.stem) or _LENS_PREFIX.search(path.stem)
     if found:
         word = found.group(1).upper()
         if word.startswith("MS_"):
-            return CameraRole.BAND
+            return CameraRole.BAND, word.removeprefix("MS_").lower()
         # a single letter means a lens in DJI's names only
         if len(word) > 1 or path.stem.upper().startswith("DJI") or make.upper().startswith(("DJI", "HASSELBLAD")):
-            return _ROLE_OF_NAME.get(word, CameraRole.VISIBLE)
+            return _ROLE_OF_NAME.get(word, CameraRole.VISIBLE), ""
     is_drone = make.upper().startswith(("DJI", "AUTEL", "PARROT", "FLIR")) or bool(xmp.make)
-    return CameraRole.THERMAL if size_px in _THERMAL_SIZES and is_drone else CameraRole.VISIBLE
+    return (CameraRole.THERMAL if size_px in _THERMAL_SIZES and is_drone else CameraRole.VISIBLE), ""
 
 
 def read_photo(ref: FrameRef) -> Frame:

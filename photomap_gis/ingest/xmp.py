@@ -156,9 +156,13 @@ def _collect(element: Element, outer: str, values: dict[str, str], depth: int) -
         if not isinstance(child.tag, str):
             continue
         namespace, name = _split(child.tag)
+        if namespace == _RDF and name in ("Seq", "Bag", "Alt"):  # the items of a list are one value
+            items = [item.text.strip() for item in child if item.text and item.text.strip()]
+            if items and outer:
+                values.setdefault(outer.rstrip("."), ", ".join(items))
         inner = outer if namespace == _RDF else f"{outer}{name}."
-        if len(child) == 0 and child.text and child.text.strip():
-            values.setdefault(inner.rstrip("."), child.text.strip())
+        if namespace != _RDF and len(child) == 0 and child.text and child.text.strip():
+            values.setdefault(outer + name, child.text.strip())
         _collect(child, inner, values, depth + 1)
 
 

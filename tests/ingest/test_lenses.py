@@ -100,6 +100,22 @@ def test_factory_calibration_is_used_and_scaled():
     assert np.isnan(view.to_pixel([[full.focal_px * 1.5, 0.0]])).all()
 
 
+@pytest.mark.parametrize("size", [(8000, 6000), (4000, 3000), (2000, 1500)])
+def test_a_calibration_says_which_raster_it_means(size):
+    """A quad-Bayer camera calibrated at a quarter of its pixels."""
+    factory = Calibration(2800.0, centre_xy_px=(2004.0, 1497.0), origin="xmp calibrated focal length")
+    camera = camera_for(*size, LensFacts("DJI", "M3T", focal_mm=4.4, calibrations=(factory,)))
+    assert camera.focal_px == pytest.approx(2800.0 * size[0] / 4000)
+    assert camera.principal_xy_px[0] == pytest.approx((size[0] - 1) / 2 + 4.0 * size[0] / 4000, abs=0.6)
+
+
+def test_sigma_covers_what_good_statements_differ_by():
+    agreeing = LensFacts("DJI", "FC6310", focal_mm=8.8, focal_35mm=24.0)
+    assert camera_for(5472, 3648, agreeing).focal_sigma_rel < 0.02
+    differing = LensFacts("DJI", "FC6310", focal_mm=8.8, focal_35mm=26.0)
+    assert camera_for(5472, 3648, differing).focal_sigma_rel > 0.03
+
+
 def test_a_calibration_that_folds_the_picture_is_not_used():
     broken = Calibration(3678.0, centre_offset_xy_px=(0.0, 0.0), radial=(-2.0, 0.0, 0.0))
     camera = camera_for(5472, 3648, LensFacts("DJI", "FC6310", focal_mm=8.8, calibrations=(broken,)))

@@ -108,6 +108,19 @@ def test_photos_without_exif_join_their_like(make_photo):
     assert len({f.camera for f in footage.frames}) == 1
 
 
+def test_one_band_of_a_multispectral_camera(make_photo):
+    paths = [
+        make_photo(f"DJI_2024_000{i}_{band}.TIF", model="M3M", taken=stamp(2 * i))
+        for i in range(3)
+        for band in ("MS_G", "MS_R", "MS_RE", "MS_NIR")
+    ]
+    footage = photo_footage(paths, IngestOptions())
+    assert [f.name[-8:-4] for f in footage.frames] == ["MS_G"] * 3
+    colour = [make_photo(f"DJI_2024_000{i}_D.JPG", model="M3M", taken=stamp(2 * i)) for i in range(3)]
+    footage = photo_footage([*paths, *colour], IngestOptions())
+    assert {f.name[-6:] for f in footage.frames} == {"_D.JPG"}
+
+
 # --- clocks --------------------------------------------------------------------------------------------------------
 
 
@@ -239,6 +252,13 @@ def test_a_repeated_fix_is_as_old_as_it_is():
     assert sigmas[5] == 0.0
 
 
+def test_one_position_for_all_is_none(make_photo):
+    paths = [make_photo(f"{i}.jpg", lat=52.0, lon=21.0, taken=stamp(i)) for i in range(5)]
+    footage = photo_footage(paths, IngestOptions())
+    assert all(f.fix is None for f in footage.frames)
+    assert any("carry the same position" in w for w in footage.warnings)
+
+
 def test_reported_sigmas_stay():
     fixes = [GpsFix(52.0, 21.0, sigma_m=0.02)] * 3
     assert [f.sigma_m for f in judge_fixes(fixes, [0.0, 1.0, 2.0], [1e-4] * 3)] == [0.02] * 3
@@ -255,6 +275,15 @@ def test_unreadable_photos_keep_their_place_and_are_named(make_photo):
     assert footage.frames[2].problem == "unreadable: the file is empty: copy it again"
     assert any(w.startswith("IMG_2.jpg: unreadable") for w in footage.warnings)
     assert all(f.problem is None for f in footage.frames if f.index != 2)
+
+
+def test_unreadable_photos_of_another_camera_are_left_out(make_photo):
+    paths = matrice(make_photo)
+    for path in paths[:3]:
+        path.write_bytes(b"")
+    footage = photo_footage(paths, IngestOptions())
+    assert [f.name[-5] for f in footage.frames] == ["W"] * 4
+    assert footage.frames[0].problem is not None
 
 
 def test_nothing_readable_is_an_error(make_photo):

@@ -129,6 +129,19 @@ def test_frames_are_read_again(card):
     assert got[2][1].ref == footage.frames[2]
 
 
+def test_a_log_beside_photos_without_positions_is_named(make_photo):
+    photo = make_photo("p/a.jpg")
+    (photo.parent / "flight.tlog").write_bytes(b"x")
+    warnings = open_sources([photo.parent]).warnings
+    assert any("flight.tlog" in w and "--track" in w for w in warnings)
+
+
+def test_sources_are_absolute(card, monkeypatch):
+    monkeypatch.chdir(card)
+    footage = open_sources(["."])
+    assert all(Path(f.source).is_absolute() for f in footage.frames)
+
+
 def test_photos_take_their_places_from_a_track(make_photo, tmp_path):
     """A GPX log in UTC, photos in local time two hours ahead without any position."""
     paths = [make_photo(f"p/{i}.jpg", taken=stamp(7200 + 2 * i)) for i in range(10)]

@@ -133,6 +133,25 @@ def test_skydio_nests_its_angles():
     assert math.degrees(found.attitude.off_nadir_rad) == pytest.approx(6.0, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    "words, band",
+    [
+        ("<Camera:BandName>NIR</Camera:BandName>", "NIR"),
+        ("<Camera:BandName><rdf:Seq><rdf:li>Green</rdf:li></rdf:Seq></Camera:BandName>", "Green"),
+        (
+            "<Camera:BandName><rdf:Seq><rdf:li>Red</rdf:li><rdf:li>Green</rdf:li></rdf:Seq></Camera:BandName>",
+            "Red, Green",
+        ),
+    ],
+)
+def test_lists_are_one_value(words, band):
+    packet = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description xmlns:Camera="http://pix4d.com/camera/1.0/">{words}</rdf:Description></rdf:RDF></x:xmpmeta>'
+    )
+    assert read_xmp(packet.encode()).band == band
+
+
 def test_bombs_and_rubbish_are_empty_facts():
     bomb = b'<!DOCTYPE x [<!ENTITY a "aaaa">]>' + xmp_packet(DJI).replace(b"+80.10", b"&a;")
     for packet in (b"", b"no xml", bomb, xmp_packet(DJI)[:-60], b"<x:xmpmeta>" + b"<a>" * 10_000 + b"</x:xmpmeta>"):
