@@ -132,6 +132,6 @@ def _unsettled(a: Spectrum, b: Spectrum, lead: Lead, blocks: int) -> Measured:
     ridge = np.diag([1e-4, 1e-4, 1e-4 * reach**2, 1e-4 * reach**2])
     base = np.linalg.inv(fit.information / (4.0 * CORRELATED_RESIDUALS) + ridge)
     least = 0.005 * reach
-    covariance = base + np.diag([least**2, least**2, 0.005**2, 0.005**2])
+    covariance = np.asarray(base + np.diag([least**2, least**2, 0.005**2, 0.005**2]), np.float64)
     floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
     return Measured(fit.T_a_b, covariance, least, 0, blocks, lead.tiles, agreement(floor_a, floor_b, fit.T_a_b))

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.similarity import fit_similarity
-from photomap_gis.ifmi.overlap import agreement
 from photomap_gis.ifmi.prior import Prior
 from photomap_gis.ifmi.search import Candidate
 from photomap_gis.ifmi.spectrum import Spectrum
@@ -87,7 +86,7 @@ def feature_candidates(a: Spectrum, b: Spectrum, prior: Prior | None) -> list[Ca
         except ValueError:
             break
         if abs(T.log_scale) < 1.2 and (prior is None or prior.admits(T, b.size_px)):
-            found.append(Candidate(T, float(n), agreement(a.floors[-1], b.floors[-1], T)))
+            found.append(Candidate(T, float(n)))
         pa, pb = pa[~inside], pb[~inside]
         if len(pa) < FEWEST_INLIERS:
             break

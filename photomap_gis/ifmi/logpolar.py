@@ -23,8 +23,17 @@ LOWEST_CYCLES_PER_PX = 0.02
 HIGHEST_CYCLES_PER_PX = 0.47
 ANGLE_STEP_RAD = math.pi / ANGLES
 LOG_RADIUS_STEP = math.log(HIGHEST_CYCLES_PER_PX / LOWEST_CYCLES_PER_PX) / RADII
-NOISE_FLOOR = 0.3
+NOISE_FLOOR = 1.0
 """Added to the magnitude before the logarithm, as a share of its median: below it there is only noise to see."""
+TAPER = 0.15
+"""The window's fade for the log-polar spectrum: much narrower than for the shift, since what the rim of a frame shows
+is all that two frames of little overlap have in common."""
+PADDING = 2
+"""The picture is padded to so many times its size: magnitudes are read between the spectrum's samples."""
+RADIUS_EXPONENT = 0.4
+"""Radii are weighted by this power: fine detail tells a turn better than coarse."""
+WHITENING = 0.4
+"""How far the log-polar spectrum is whitened (1: phase only). Its noise is not white: half the peaks are lost at 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +54,8 @@ def log_polar_grid(shape: tuple[int, int]) -> LogPolarGrid:
     x = (np.cos(angle) * radius * w).astype(np.float32)
     y = (np.sin(angle) * radius * h + h // 2).astype(np.float32)
     # Angles are periodic, radii are not: the ends of the radius are faded out.
-    window = np.broadcast_to(tukey(RADII, 0.3)[None, :], x.shape).astype(np.float32)
+    weight = tukey(RADII, 0.3) * np.exp(RADIUS_EXPONENT * LOG_RADIUS_STEP * np.arange(RADII))
+    window = np.broadcast_to((weight / weight.max())[None, :], x.shape).astype(np.float32)
     for a in (x, y, window):
         a.setflags(write=False)
     return LogPolarGrid(x, y, window)
@@ -68,8 +78,8 @@ def log_polar(S: Spectrum64) -> Image32:
 
 
 def log_polar_spectrum(S: Spectrum64) -> Spectrum64:
-    """Return the whitened half spectrum of the log-polar picture, ready for the matched filter."""
-    return whiten(forward_fft(log_polar(S)))
+    """Return the partly whitened half spectrum of the log-polar picture, ready for the matched filter."""
+    return whiten(forward_fft(log_polar(S)), WHITENING)
 
 
 @lru_cache(maxsize=32)

@@ -23,10 +23,15 @@ def pomf(A: Image32, B: Image32) -> Image32:
     return pulse_of(whiten(F_A), whiten(F_B))
 
 
-def whiten(F: Spectrum64) -> Spectrum64:
-    """Return ``exp(i PHASE(F))``; coefficients without a phase stay 0."""
+def whiten(F: Spectrum64, exponent: float = 1.0) -> Spectrum64:
+    """Return ``exp(i PHASE(F))``; coefficients without a phase stay 0.
+
+    With an ``exponent`` below 1 a part of the length is kept: ``F / |F| ** exponent``.
+    """
     length = np.abs(F)
     np.maximum(length, np.float32(1e-12), out=length)
+    if exponent != 1.0:
+        length **= np.float32(exponent)
     return np.asarray(F / length, np.complex64)
 
 

@@ -28,6 +28,14 @@ class Prior:
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
+    def restricts(self, size_px: tuple[int, int]) -> bool:
+        """Whether the gate is so much smaller than the frame that only its inside need be searched."""
+        return (
+            GATE_SIGMAS * self.sigma_xy_px < 0.5 * max(size_px)
+            and GATE_SIGMAS * self.sigma_angle_rad < math.radians(60.0)
+            and GATE_SIGMAS * self.sigma_log_scale < 0.5
+        )
+
     def admits(self, T_a_b: Similarity2D, size_b_px: tuple[int, int]) -> bool:
         """Whether a motion lies within the gate (a pixel, a third of a degree and half a percent are granted)."""
         centre = ((size_b_px[0] - 1) / 2.0, (size_b_px[1] - 1) / 2.0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.kernels import Image32
@@ -21,14 +22,16 @@ class Peak:
     snr: float
 
 
-def find_peaks(delta: Image32, count: int, *, radius: int = 3, allowed: Image32 | None = None) -> list[Peak]:
+def find_peaks(
+    delta: Image32, count: int, *, radius: int = 3, allowed: npt.NDArray[np.bool_] | None = None
+) -> list[Peak]:
     """Return the ``count`` highest peaks at least ``radius`` cells apart, highest first; both axes are periodic.
 
-    Where ``allowed`` is given, cells with 0 are no candidates (the search is restricted, the scatter is not).
+    Where ``allowed`` is given, cells that are False are no candidates (the search is restricted, the scatter is not).
     """
     h, w = delta.shape
     mean, deviation = (float(v[0, 0]) for v in cv2.meanStdDev(delta))
-    work = delta.copy() if allowed is None else np.where(allowed > 0, delta, np.float32(-np.inf))
+    work = delta.copy() if allowed is None else np.where(allowed, delta, np.float32(-np.inf))
     peaks = []
     for _ in range(count):
         flat = int(np.argmax(work))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -82,7 +83,7 @@ def register_images(
     )
 
 
-def _judge(a: Spectrum, b: Spectrum, candidates: list[Candidate], prior: Prior | None, method: str) -> Registration:
+def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Prior | None, method: str) -> Registration:
     """Follow up the best candidates, decide between them, measure the winner and how sure the decision is."""
     apart_px = 0.04 * max(b.shape)
     leads: list[Lead] = []

@@ -1,115 +1,200 @@
-"""The coarse search: from two frames' spectra to a few candidate motions, best first."""
+"""The coarse search: from two frames' spectra to candidate motions, the likeliest first.
+
+Without a prior the log-polar spectra propose turns and scales, each of which is tried with its twin half a turn
+further. With one, only what it admits is tried, and both pictures are windowed to the overlap it predicts: a small
+overlap is then compared with nothing but itself.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from photomap_gis.core.similarity import Similarity2D, wrap_angle
-from photomap_gis.ifmi.kernels import Image32, forward_fft, warp_similarity
+from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, warp_similarity
 from photomap_gis.ifmi.logpolar import ANGLE_STEP_RAD, ANGLES, LOG_RADIUS_STEP, RADII
-from photomap_gis.ifmi.overlap import Agreement, agreement
+from photomap_gis.ifmi.overlap import agreement, full_mask, on_floor
 from photomap_gis.ifmi.pomf import gaussian_low_pass, pulse_of, whiten
 from photomap_gis.ifmi.prior import GATE_SIGMAS, Prior
-from photomap_gis.ifmi.pulse import Peak, find_peaks
-from photomap_gis.ifmi.spectrum import Spectrum, windowed
+from photomap_gis.ifmi.pulse import find_peaks
+from photomap_gis.ifmi.spectrum import SHIFT_TAPER, Floor, Spectrum, windowed
 
-ROTATION_LOW_PASS = 0.09
-TRANSLATION_LOW_PASS = 0.15
+ROTATION_LOW_PASS = 0.08
+SHIFT_LOW_PASS = 0.12
 LARGEST_LOG_SCALE = math.log(2.2)
 SMALLEST_OVERLAP = 0.08
+BATCHES = (2, 4, 6)
+"""How many log-polar peaks are tried at a time, before the best of them are handed out."""
+HANDED_OUT = 2
+PEAKS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A motion that the matched filters propose, and how it looks."""
+    """A motion that the matched filters propose; ``snr`` is its pulse's height over the pulse's scatter."""
 
     T_a_b: Similarity2D
     snr: float
-    agreement: Agreement
 
 
-def rotation_pulse(a: Spectrum, b: Spectrum) -> Image32:
-    """Return the matched filter's result over turn and scale, ``(ANGLES, RADII)``."""
-    low_pass = gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS)
-    return pulse_of(a.log_polar_phases, b.log_polar_phases, low_pass)
+def search(a: Spectrum, b: Spectrum, prior: Prior | None = None) -> Iterator[Candidate]:
+    """Yield candidates, the likeliest first; later ones cost more work, so stop when one has convinced."""
+    if prior is not None and prior.restricts(a.size_px):
+        yield from _near(a, b, prior)
+        return
+    delta = pulse_of(a.log_polar_phases, b.log_polar_phases, gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS))
+    turns = turns_and_scales(delta, sum(BATCHES), prior)
+    left: list[tuple[float, Similarity2D, float, float]] = []
+    done = 0
+    for size in BATCHES:
+        batch = turns[done : done + size]
+        done += size
+        for angle_rad, log_scale in batch:
+            left += _pulses(a, b, angle_rad, log_scale)
+        left.sort(key=lambda found: -found[0])
+        for snr, T0, column, row in left[:HANDED_OUT]:
+            T = _unwrapped(a, b, T0, column, row)
+            if T is not None:
+                yield Candidate(T, snr)
+        left = left[HANDED_OUT:]
 
 
-def turns_and_scales(delta: Image32, count: int, prior: Prior | None) -> list[tuple[float, float, float]]:
-    """Return up to ``count`` (angle modulo pi, log scale, snr) read from the rotation pulse's peaks."""
+def turns_and_scales(delta: Image32, count: int, prior: Prior | None) -> list[tuple[float, float]]:
+    """Return up to ``count`` (angle modulo pi, log scale) of the log-polar pulse's peaks, within the prior's gate."""
     row = np.arange(ANGLES) * ANGLE_STEP_RAD
     column = -np.fft.fftfreq(RADII, 1.0 / RADII) * LOG_RADIUS_STEP
     if prior is None:
-        near = np.ones((ANGLES, 1), bool) & (np.abs(column) <= LARGEST_LOG_SCALE)[None, :]
+        admitted = np.broadcast_to((np.abs(column) <= LARGEST_LOG_SCALE)[None, :], delta.shape)
     else:
         turn = np.abs((row - prior.T_a_b.angle_rad + math.pi / 2) % math.pi - math.pi / 2)
-        near = (turn <= GATE_SIGMAS * prior.sigma_angle_rad + 2 * ANGLE_STEP_RAD)[:, None] & (
-            np.abs(column - prior.T_a_b.log_scale) <= GATE_SIGMAS * prior.sigma_log_scale + 2 * LOG_RADIUS_STEP
+        growth = np.abs(column - prior.T_a_b.log_scale)
+        admitted = (turn <= GATE_SIGMAS * prior.sigma_angle_rad + 2 * ANGLE_STEP_RAD)[:, None] & (
+            growth <= GATE_SIGMAS * prior.sigma_log_scale + 2 * LOG_RADIUS_STEP
         )[None, :]
     found = []
-    for p in find_peaks(delta, count, radius=5, allowed=near.astype(np.float32)):
+    for p in find_peaks(delta, count, radius=4, allowed=admitted):
         shift = p.column if p.column <= RADII / 2 else p.column - RADII
-        found.append((p.row * ANGLE_STEP_RAD, -shift * LOG_RADIUS_STEP, p.snr))
+        found.append((p.row * ANGLE_STEP_RAD, -shift * LOG_RADIUS_STEP))
     return found
 
 
-def translations(
-    a: Spectrum, b: Spectrum, angle_rad: float, log_scale: float, *, twin: bool, peaks: int
-) -> list[Candidate]:
-    """Return candidates at one turn and scale, and its twin half a turn further; the wraps of each peak are tested."""
+def _pulses(
+    a: Spectrum, b: Spectrum, angle_rad: float, log_scale: float
+) -> list[tuple[float, Similarity2D, float, float]]:
+    """Return (snr, T0, column, row) of the shift pulses at one turn and scale and at its twin.
+
+    ``T0`` lays b's centre on a's, in the spectral floor's pixels; the shift is still modulo the canvas.
+    """
+    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
+    T0 = _centred(floor_a, floor_b, angle_rad, log_scale)
+    (hb, wb), canvas = floor_b.shape, _canvas(a.phases)
+    faded = windowed(floor_b.values, floor_b.mask, SHIFT_TAPER)[:hb, :wb]
+    P_B = whiten(forward_fft(_on_canvas(warp_similarity(faded, T0, floor_a.shape), canvas)))
+    low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
+    found = [(p.snr, T0, p.column, p.row) for p in find_peaks(pulse_of(a.phases, P_B, low_pass), PEAKS)]
+    # A picture turned by half a turn about pixel (0, 0) has the conjugate spectrum: the twin costs one transform.
+    twin = Similarity2D(0.0, 0.0, math.pi, 0.0) @ T0
+    found += [(p.snr, twin, p.column, p.row) for p in find_peaks(pulse_of(a.phases, P_B.conj(), low_pass), PEAKS)]
+    return found
+
+
+def _unwrapped(a: Spectrum, b: Spectrum, T0: Similarity2D, column: float, row: float) -> Similarity2D | None:
+    """Return the motion in frame pixels, of all shifts modulo the canvas the one whose overlap agrees best."""
+    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
+    (h, w), (hb, wb), f = _canvas(a.phases), floor_b.shape, floor_a.factor
+    (ha, wa) = floor_a.shape
+    cx, cy = T0.apply(((wb - 1) / 2.0, (hb - 1) / 2.0))
+    best, best_evidence = None, 0.0
+    for dy in (row - 2 * h, row - h, row, row + h):
+        for dx in (column - 2 * w, column - w, column, column + w):
+            # Centres further apart than this leave no overlap to speak of.
+            if abs(cx + dx - wa / 2) > 0.95 * wa or abs(cy + dy - ha / 2) > 0.95 * ha:
+                continue
+            T = Similarity2D((T0.tx + dx) * f, (T0.ty + dy) * f, wrap_angle(T0.angle_rad), T0.log_scale)
+            seen = agreement(a.floors[-1], b.floors[-1], T)
+            if seen.overlap >= SMALLEST_OVERLAP and seen.evidence > best_evidence:
+                best, best_evidence = T, seen.evidence
+    return best
+
+
+def _near(a: Spectrum, b: Spectrum, prior: Prior) -> Iterator[Candidate]:
+    """Yield what the prior admits."""
     floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
     f = floor_a.factor
-    (ha, wa), (hb, wb) = floor_a.shape, floor_b.shape
+    T_prior = on_floor(prior.T_a_b, f)
+    turns = [(prior.T_a_b.angle_rad, prior.T_a_b.log_scale)]
+    if prior.sigma_angle_rad > math.radians(1.0) or prior.sigma_log_scale > 0.02:
+        delta = pulse_of(a.log_polar_phases, b.log_polar_phases, gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS))
+        turns += turns_and_scales(delta, 3, prior)
+    window, middle_a = _overlap_window(floor_a, floor_b, T_prior, GATE_SIGMAS * prior.sigma_xy_px / f)
+    middle_b = T_prior.inverse().apply(middle_a)
+    canvas = _canvas(a.phases)
+    low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
+    P_A = whiten(forward_fft(_on_canvas(floor_a.values * window, canvas)))
+    admitted = _around_zero(canvas, GATE_SIGMAS * prior.sigma_xy_px / f + 2.0)
+    found: list[Candidate] = []
+    for angle_rad, log_scale in turns:
+        if math.cos(angle_rad - prior.T_a_b.angle_rad) < 0.0:
+            angle_rad += math.pi
+        turn = Similarity2D(0.0, 0.0, wrap_angle(angle_rad), log_scale)
+        t = middle_a - turn.apply(middle_b)
+        T0 = Similarity2D(float(t[0]), float(t[1]), turn.angle_rad, log_scale)
+        B = warp_similarity(floor_b.values, T0, floor_a.shape) * window
+        delta = pulse_of(P_A, whiten(forward_fft(_on_canvas(B, canvas))), low_pass)
+        for p in find_peaks(delta, PEAKS, allowed=admitted):
+            dx = p.column if p.column <= canvas[1] / 2 else p.column - canvas[1]
+            dy = p.row if p.row <= canvas[0] / 2 else p.row - canvas[0]
+            found.append(Candidate(Similarity2D((T0.tx + dx) * f, (T0.ty + dy) * f, T0.angle_rad, log_scale), p.snr))
+    found.sort(key=lambda c: -c.snr)
+    yield from found[:4]
+
+
+def _overlap_window(a: Floor, b: Floor, T: Similarity2D, slack_px: float) -> tuple[Image32, np.ndarray]:
+    """``(h, w)`` window over a that fades out at the border of the predicted overlap, and the overlap's middle.
+
+    ``slack_px`` is how far the prediction may be off: the overlap of frames that move is never larger than they.
+    """
+    inside = warp_similarity(full_mask(b), T, a.shape)
+    inside = np.where(inside > 127, full_mask(a), np.uint8(0))
+    x0, y0, w, h = cv2.boundingRect(inside)
+    if min(w, h) < 8:
+        return np.ones(a.shape, np.float32), np.array([(a.shape[1] - 1) / 2.0, (a.shape[0] - 1) / 2.0])
+    fade = max(3, round(0.2 * min(w, h)))
+    grow = int(min(slack_px, 0.25 * min(a.shape)))
+    if grow > 1:
+        inside = cv2.dilate(inside, np.ones((2 * grow + 1, 2 * grow + 1), np.uint8))
+        if a.mask is not None:
+            inside = cv2.bitwise_and(inside, a.mask)
+    bordered = cv2.copyMakeBorder(inside, fade, fade, fade, fade, cv2.BORDER_CONSTANT, value=0)
+    soft = cv2.blur(cv2.erode(bordered, np.ones((fade, fade), np.uint8)), (fade, fade))
+    window = soft[fade:-fade, fade:-fade].astype(np.float32) / np.float32(255.0)
+    return window, np.array([x0 + (w - 1) / 2.0, y0 + (h - 1) / 2.0])
+
+
+def _around_zero(canvas: tuple[int, int], radius_px: float) -> np.ndarray:
+    y = np.fft.fftfreq(canvas[0], 1.0 / canvas[0])[:, None]
+    x = np.fft.fftfreq(canvas[1], 1.0 / canvas[1])[None, :]
+    return x * x + y * y <= radius_px**2
+
+
+def _centred(a: Floor, b: Floor, angle_rad: float, log_scale: float) -> Similarity2D:
+    """Return the motion of one turn and scale that lays b's centre on a's."""
     turn = Similarity2D(0.0, 0.0, wrap_angle(angle_rad), log_scale)
-    centre_b = turn.apply(((wb - 1) / 2.0, (hb - 1) / 2.0))
-    T0 = Similarity2D((wa - 1) / 2.0 - centre_b[0], (ha - 1) / 2.0 - centre_b[1], turn.angle_rad, log_scale)
-    B = warp_similarity(windowed(floor_b.values, floor_b.mask)[:hb, :wb], T0, floor_a.shape)
-    h, w = a.phases.shape[0], 2 * (a.phases.shape[1] - 1)
-    if (h, w) != (ha, wa):
-        B = np.pad(B, ((0, h - ha), (0, w - wa)))
-    P_B = whiten(forward_fft(B))
-    low_pass = gaussian_low_pass((h, w), TRANSLATION_LOW_PASS)
-    found: list[Candidate] = []
-    for half_turn in (False, True) if twin else (False,):
-        if half_turn:
-            # The half-turned picture's spectrum is the conjugate: B(-p), which is B turned about pixel (0, 0).
-            delta = pulse_of(a.phases, P_B.conj(), low_pass)
-            about = Similarity2D(0.0, 0.0, math.pi, 0.0)
-            T = about @ T0
-        else:
-            delta = pulse_of(a.phases, P_B, low_pass)
-            T = T0
-        for p in find_peaks(delta, peaks):
-            found += _wraps(a, b, T, p, (h, w), f)
-    return found
+    x, y = turn.apply(((b.shape[1] - 1) / 2.0, (b.shape[0] - 1) / 2.0))
+    return Similarity2D((a.shape[1] - 1) / 2.0 - x, (a.shape[0] - 1) / 2.0 - y, turn.angle_rad, log_scale)
 
 
-def _wraps(a: Spectrum, b: Spectrum, T: Similarity2D, p: Peak, canvas: tuple[int, int], factor: int) -> list[Candidate]:
-    h, w = canvas
-    test_a, test_b = a.floors[-1], b.floors[-1]
-    out = []
-    wa, ha = a.size_px
-    c = T.apply(((b.size_px[0] / factor - 1) / 2.0, (b.size_px[1] / factor - 1) / 2.0))
-    for dy in (p.row - 2 * h, p.row - h, p.row, p.row + h):
-        for dx in (p.column - 2 * w, p.column - w, p.column, p.column + w):
-            # Centres further apart than the frames reach leave no overlap to speak of.
-            if (
-                abs(c[0] + dx - wa / factor / 2) > wa / factor * 0.95
-                or abs(c[1] + dy - ha / factor / 2) > ha / factor * 0.95
-            ):
-                continue
-            full = Similarity2D((T.tx + dx) * factor, (T.ty + dy) * factor, T.angle_rad, T.log_scale)
-            g = agreement(test_a, test_b, full)
-            if g.overlap >= SMALLEST_OVERLAP:
-                out.append(Candidate(full, p.snr, g))
-    return out
+def _canvas(half: Spectrum64) -> tuple[int, int]:
+    return half.shape[0], 2 * (half.shape[1] - 1)
 
 
-def search(a: Spectrum, b: Spectrum, prior: Prior | None = None) -> list[Candidate]:
-    """Return candidates, best first."""
-    found: list[Candidate] = []
-    for angle, log_scale, _ in turns_and_scales(rotation_pulse(a, b), 4, prior):
-        found += translations(a, b, angle, log_scale, twin=True, peaks=2)
-    return sorted(found, key=lambda c: -c.agreement.evidence)
+def _on_canvas(image: Image32, canvas: tuple[int, int]) -> Image32:
+    h, w = image.shape
+    if (h, w) == canvas:
+        return image
+    padded: Image32 = cv2.copyMakeBorder(image, 0, canvas[0] - h, 0, canvas[1] - w, cv2.BORDER_CONSTANT, value=0)
+    return padded

@@ -15,12 +15,15 @@ import numpy.typing as npt
 
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.ifmi.kernels import Image32, Mask8, Spectrum64, fft_size, forward_fft, halve
+from photomap_gis.ifmi.logpolar import PADDING as ROTATION_PADDING
+from photomap_gis.ifmi.logpolar import TAPER as ROTATION_TAPER
 from photomap_gis.ifmi.logpolar import log_polar_spectrum, tukey
 from photomap_gis.ifmi.pomf import whiten
 from photomap_gis.ifmi.template import Template, make_template
 
 SPECTRAL_SIDE_PX = 320
 FINEST_SIDE_PX = 720
+SHIFT_TAPER = 0.2
 MEAN_RADIUS = 0.06
 """Half side of the neighbourhood of the local mean, as a share of a floor's longer side."""
 GREY_FLOOR = 2.0
@@ -80,17 +83,18 @@ def make_spectrum(grey_u8: ImageArray, *, mask: npt.NDArray[np.bool_] | None = N
     floors = _pyramid(grey_u8, mask)
     spectral = next(k for k, f in enumerate(floors) if max(f.shape) <= SPECTRAL_SIDE_PX)
     floor = floors[spectral]
-    F = forward_fft(windowed(floor.values, floor.mask))
-    return Spectrum(index, grey_u8.shape, grey_u8, mask, floors, spectral, whiten(F), log_polar_spectrum(F))
+    F = forward_fft(windowed(floor.values, floor.mask, SHIFT_TAPER))
+    S = forward_fft(windowed(floor.values, floor.mask, ROTATION_TAPER, padding=ROTATION_PADDING))
+    return Spectrum(index, grey_u8.shape, grey_u8, mask, floors, spectral, whiten(F), log_polar_spectrum(S))
 
 
-def windowed(values: Image32, mask: Mask8 | None, taper: float = 0.5) -> Image32:
+def windowed(values: Image32, mask: Mask8 | None, taper: float, *, padding: int = 1) -> Image32:
     """Fade a picture out towards its borders and masked parts, on a canvas of even, fast size."""
     h, w = values.shape
     faded = values * apodisation((h, w), taper)
     if mask is not None:
         faded *= soft_mask(mask)
-    canvas = fft_size(h), fft_size(w)
+    canvas = fft_size(h * padding), fft_size(w * padding)
     if canvas == (h, w):
         return faded
     padded: Image32 = cv2.copyMakeBorder(faded, 0, canvas[0] - h, 0, canvas[1] - w, cv2.BORDER_CONSTANT, value=0)
