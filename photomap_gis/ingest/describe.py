@@ -5,105 +5,18 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from itertools import pairwise
 from statistics import median
-from typing import Any, NamedTuple
 
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.frame import Flight, Footage, FrameRef
 from photomap_gis.ingest.photo_fixes import distance_m, offset_m
+from photomap_gis.ingest.source_info import Bounds, CameraInfo, FlightInfo, Range, SourceInfo
+
+__all__ = ["SourceInfo", "describe"]
 
 OBLIQUE_RAD = math.radians(35.0)  # more than this off nadir is not pasted into a map by default
 _GOOD_OVERLAP = 0.6
-
-
-class Range(NamedTuple):
-    """The smallest, the middle and the largest of some values."""
-
-    low: float
-    median: float
-    high: float
-
-
-class Bounds(NamedTuple):
-    """A box in WGS84 degrees."""
-
-    west_deg: float
-    south_deg: float
-    east_deg: float
-    north_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class CameraInfo:
-    """A camera, what is known of its lens and from where, and how many frames it took."""
-
-    name: str
-    frames: int
-    width_px: int
-    height_px: int
-    focal_px: float | None
-    hfov_deg: float | None
-    focal_sigma_percent: float | None
-    origin: str
-
-
-@dataclass(frozen=True, slots=True)
-class FlightInfo:
-    """One flight: its frames, its time, its way; ``None`` where nothing is known.
-
-    ``interval_s`` and ``spacing_m`` are the medians between consecutive frames, ``overlap`` the part of a frame that
-    the next one sees again (estimated from fixes, height and lens).
-    """
-
-    id: int
-    name: str
-    kind: str
-    camera: str
-    frames: int
-    track_source: str | None
-    start_utc_s: float | None
-    duration_s: float | None
-    interval_s: float | None
-    fixes: int
-    length_m: float | None
-    speed_m_s: float | None
-    spacing_m: float | None
-    height_m: Range | None
-    overlap: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class SourceInfo:
-    """What the sources hold. Angles in degrees; ``gsd_m_per_px`` is expected from heights and lens."""
-
-    frames: int
-    photos: int
-    video_frames: int
-    usable: int
-    sizes_px: tuple[tuple[int, int], ...]
-    cameras: tuple[CameraInfo, ...]
-    flights: tuple[FlightInfo, ...]
-    fixes: int
-    attitudes: int
-    bounds: Bounds | None
-    height_m: Range | None
-    off_nadir_deg: Range | None
-    oblique: int
-    gsd_m_per_px: float | None
-    problems: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the summary as plain values for JSON."""
-        plain = asdict(self)
-        plain["bounds"] = self.bounds._asdict() if self.bounds else None
-        for holder, source in ((plain, self), *zip(plain["flights"], self.flights, strict=True)):
-            for name in ("height_m", "off_nadir_deg"):
-                if name in holder:
-                    value = getattr(source, name)
-                    holder[name] = value._asdict() if value else None
-        return plain
 
 
 def describe(footage: Footage) -> SourceInfo:

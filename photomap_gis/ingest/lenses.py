@@ -89,7 +89,7 @@ def camera_for(
     user's word makes no sense.
     """
     facts = facts or LensFacts()
-    profile = find_profile(facts.make, facts.model, width_px, height_px, role=facts.role)
+    profile = find_profile(facts.make, facts.model, width_px, height_px, role=facts.role, focal_mm=facts.focal_mm)
     name = profile.name if profile else " ".join(w for w in (facts.make, facts.model) if w)
     if hfov_deg is not None:
         if not 1.0 <= hfov_deg <= 170.0:
@@ -222,7 +222,7 @@ def _most_trusted(estimates: Sequence[_Estimate]) -> _Estimate | None:
         key=lambda pair: pair[0].sigma_rel,
     )
     spread = max((abs(math.log(o.focal_px / best.focal_px)) for o in with_it if o.sigma_rel < 0.05), default=0.0)
-    return replace(best, sigma_rel=max(best.sigma_rel, spread / 2.0))
+    return replace(best, sigma_rel=round(max(best.sigma_rel, spread / 2.0), 4))
 
 
 def _agree(a: _Estimate, b: _Estimate) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from photomap_gis.parallel import map_jobs
 
 logger = logging.getLogger(__name__)
 
+_SAYS_NOTHING = re.compile(r"images?|photos?|pictures|dcim|\d{3}\w{0,6}|rgb|jpe?g", re.IGNORECASE)
 _NAMED = 5  # how many photos a warning names before it counts the rest
 
 
@@ -82,9 +84,16 @@ def _frames(
     frames: list[FrameRef] = []
     flights: list[Flight] = []
     for flight, camera_name in found:
-        flights.append(Flight(len(flights), flight[0][0].path.parent.name or "photos", camera_name))
+        flights.append(Flight(len(flights), _folder_name(flight[0][0].path.parent), camera_name))
         frames += _flight_frames(flight, names, warnings, first_index=len(frames), number=flights[-1].id)
     return frames, _name_apart(flights)
+
+
+def _folder_name(folder: Path) -> str:
+    """Name a flight by its folder; one that says nothing (images, 100MEDIA) with the folder above it."""
+    if _SAYS_NOTHING.fullmatch(folder.name) and folder.parent.name:
+        return f"{folder.parent.name}/{folder.name}"
+    return folder.name or "photos"
 
 
 def _could_be(unreadable: Still, group: CameraGroup) -> bool:

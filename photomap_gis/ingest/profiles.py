@@ -82,12 +82,19 @@ def all_profiles() -> tuple[CameraProfile, ...]:
 
 
 def find_profile(
-    make: str, model: str, width_px: int, height_px: int, *, role: CameraRole | None = None
+    make: str,
+    model: str,
+    width_px: int,
+    height_px: int,
+    *,
+    role: CameraRole | None = None,
+    focal_mm: float | None = None,
 ) -> CameraProfile | None:
     """Return the profile of a camera by its EXIF make and model, ``None`` where it is not known.
 
-    A body with several cameras under one model name is told apart by ``role`` where it is known, else by the raster:
-    the camera whose shape, then whose size is nearest (a wide camera before a zoom where both fit).
+    A body with several cameras under one model name is told apart by ``role`` and by the photo's ``focal_mm`` where
+    they are known, else by the raster: its shape, and that it is no larger than the camera's; a wide camera comes
+    before a zoom where both fit.
     """
     wanted = _key(model)
     if not wanted:
@@ -101,9 +108,11 @@ def find_profile(
     return min(
         found,
         key=lambda p: (
+            focal_mm is not None and not _can_have(p, focal_mm),
             round(_shape_distance(p, width_px, height_px), 1),
-            round(abs(_log_ratio(p, width_px, height_px)), 1),
+            max(width_px, height_px) > 1.01 * p.width_px,
             order.index(p.role),
+            abs(max(width_px, height_px) - p.width_px),
         ),
     )
 
@@ -135,9 +144,8 @@ def _shape_distance(profile: CameraProfile, width_px: int, height_px: int) -> fl
     return abs(long / short - profile.width_px / profile.height_px)
 
 
-def _log_ratio(profile: CameraProfile, width_px: int, height_px: int) -> float:
-    """How far the raster's size is from the profile's, in octaves; a smaller raster may be a reduced copy."""
-    if width_px < 1 or height_px < 1:
-        return 0.0
-    ratio = max(width_px, height_px) / profile.width_px
-    return max(ratio - 1.0, 0.0) * 10.0 if ratio > 1.0 else (1.0 - ratio)
+def _can_have(profile: CameraProfile, focal_mm: float) -> bool:
+    if profile.focal_mm is None:
+        return True
+    ratio = focal_mm / profile.focal_mm
+    return ratio > 0.87 and (profile.zoom or ratio < 1.15)

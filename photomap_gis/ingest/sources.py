@@ -119,7 +119,8 @@ def find_files(sources: Sequence[Path | str]) -> FoundFiles:
         for path, into in [(p, photos) for p in named_photos] + [(p, videos) for p in named_videos]:
             key = path.resolve()
             repeated += key in into
-            into.setdefault(key, path.absolute())  # a mission is resumed from anywhere
+            # absolute, as a mission is resumed from anywhere; a link keeps its own name
+            into.setdefault(key, path.parent.resolve() / path.name)
     if repeated:
         many = "s were" if repeated > 1 else " was"
         warnings.append(f"{repeated} file{many} named more than once: each is used once")

@@ -90,6 +90,15 @@ def test_bounds_across_the_date_line():
     assert describe(footage(frames)).flights[0].length_m < 30
 
 
+def test_words():
+    words = str(describe(footage(lane())))
+    assert "5 photos" in words
+    assert "53.1° across the width ± 3.0 %, from profile" in words
+    assert "neighbours overlap by 73 %" in words
+    assert "10.0 cm on the ground" in words
+    assert "none" in str(describe(Footage((), ())))
+
+
 def test_plain_values_for_json():
     plain = json.loads(json.dumps(describe(footage(lane())).as_dict()))
     assert plain["bounds"]["west_deg"] == 21.0

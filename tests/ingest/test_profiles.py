@@ -69,6 +69,10 @@ def test_cameras_of_one_body_are_told_apart_by_the_raster():
     assert find_profile("DJI", "ZH20T", 5184, 3888).role is CameraRole.ZOOM
     assert find_profile("DJI", "ZH20T", 4056, 3040).role is CameraRole.WIDE
     assert find_profile("DJI", "M3T", 4000, 3000, role=CameraRole.ZOOM).role is CameraRole.ZOOM
+    assert find_profile("DJI", "M3T", 4000, 3000).role is CameraRole.WIDE  # a quarter of its pixels
+    assert find_profile("DJI", "M3T", 4000, 3000, focal_mm=29.9).role is CameraRole.ZOOM
+    assert find_profile("DJI", "M30T", 4000, 3000, focal_mm=4.5).role is CameraRole.WIDE
+    assert find_profile("DJI", "M30T", 4000, 3000, focal_mm=60.0).role is CameraRole.ZOOM
 
 
 def test_pixel_density_of_crops_and_reductions():
