@@ -1,9 +1,9 @@
 """A track between its records: what the camera's place was at any moment, without inventing any.
 
-Positions in logs are steps. Either the receiver's fixes are repeated until the next one comes (a 30 Hz subtitle of a 5 Hz
-receiver): then a value is true at the moment when it first appears. Or the log has too few decimals (four decimals of
-a degree are 11 m): then a step from one value to the next says that the rounding's border, their middle, was crossed
-between the two records. Each axis is read by its own steps, and lines are drawn between such knots.
+Positions in logs are steps. Either the receiver's fixes are repeated until the next one comes (a 30 Hz subtitle of a
+5 Hz receiver): then a value is true at the moment when it first appears. Or the log has too few decimals (four decimals
+of a degree are 11 m): then a step from one value to the next says that the rounding's border, their middle, was
+crossed between the two records. Each axis is read by its own steps, and lines are drawn between such knots.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def choose_frames(times_s: FloatArray, rates_hz: FloatArray | float) -> list[int
     right = np.clip(np.searchsorted(phase, wanted - 1e-9), 0, len(phase) - 1)
     left = np.maximum(right - 1, 0)
     nearest = np.where(wanted - phase[left] < phase[right] - wanted, left, right)
-    return np.unique(nearest).tolist()
+    return [int(i) for i in np.unique(nearest)]
 
 
 def _speeds_m_per_s(points: Sequence[TrackPoint | None], times_s: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Which photo is which shot of the autopilot's log: by the pattern of the intervals between them.
 
-Clocks of cameras and autopilots disagree by anything from fractions of a second to hours, photos get lost, shots fail. But
-both lists tell the same story of intervals: shift one over the other until most photos meet a shot.
+Clocks of cameras and autopilots disagree by anything from fractions of a second to hours, photos get lost, shots fail.
+But both lists tell the same story of intervals: shift one over the other until most photos meet a shot.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MAX_PAIRS = 4_000_000
 def match_shots(photo_s: Sequence[float | None], shot_s: Sequence[float]) -> list[int | None] | None:
     """Return for each photo the position of its shot, ``None`` in it for a photo without one.
 
-    ``photo_s`` are in the photos' order; ``None`` for all where the photos tell no time: then equal counts are believed.
+    ``photo_s`` are in the photos' order; all ``None`` where the photos tell no time: then equal counts are believed.
     Returns ``None`` where the two lists do not clearly belong together.
     """
     shots = np.asarray(shot_s, dtype=np.float64)

@@ -29,8 +29,8 @@ _SAME_DURATION_REL, _SAME_DURATION_S = 0.05, 5.0
 class Placed:
     """What a track says of each frame, in the frames' order; ``None`` where it is silent.
 
-    ``offset_s`` is what was added to the track's clock to reach the camera's. The points' own ``time_s`` are on ``clock``:
-    where that is UTC they are a receiver's time, better than any camera's.
+    ``offset_s`` is what was added to the track's clock to reach the camera's. The points' own ``time_s`` are on
+    ``clock``: where that is UTC they are a receiver's time, better than any camera's.
     """
 
     points: tuple[TrackPoint | None, ...]
@@ -41,7 +41,7 @@ class Placed:
     @property
     def fixes(self) -> tuple[GpsFix | None, ...]:
         """The positions."""
-        return tuple(p and GpsFix(p.lat_deg, p.lon_deg, p.alt_m, p.sigma_m) for p in self.points)
+        return tuple(None if p is None else GpsFix(p.lat_deg, p.lon_deg, p.alt_m, p.sigma_m) for p in self.points)
 
     @property
     def attitudes(self) -> tuple[Attitude | None, ...]:
@@ -70,8 +70,8 @@ def place_frames(
     forced = options.track_offset_s
     warnings: list[str] = []
     if track.clock is Clock.VIDEO and start_utc_s != 0.0:
-        offset = 0.0 if forced is None else forced
-        return _placed(frames_s, track, offset, offset, warnings)
+        on_video = 0.0 if forced is None else forced
+        return _placed(frames_s, track, on_video, on_video, warnings)
     if track.clock is Clock.VIDEO:
         track = _on_wall_clock(track)
     if start_utc_s is None or track.clock is Clock.BOOT:
@@ -95,8 +95,8 @@ def place_frames(
 def place_photos(times_s: Sequence[float | None], track: Track, *, options: IngestOptions) -> Placed:
     """Give photos (Unix seconds, in the order in which they were taken) their places.
 
-    Where the log holds the camera's shots they are matched to the photos first: a shot's moment is known to milliseconds,
-    a photo's often to a second.
+    Where the log holds the camera's shots they are matched to the photos first: a shot's moment is known to
+    milliseconds, a photo's often to a second.
     """
     if track.triggers and options.track_offset_s is None:
         matched = match_shots(times_s, [t.time_s for t in track.triggers])
@@ -171,8 +171,8 @@ def _place_by_starts(
         if not _same_duration(frames_s, track):
             raise DataError(
                 f"{track.source}: its clock and the camera's have nothing in common, and the track lasts "
-                f"{_length_s(track):.0f} s but the frames {np.nanmax(frames_s) - first:.0f} s; tell the seconds from the "
-                "track's start to the first frame's, negative where the track began earlier: --track-offset SECONDS"
+                f"{_length_s(track):.0f} s but the frames {np.nanmax(frames_s) - first:.0f} s; tell how many seconds "
+                "after the first frame the track begins (negative: before it) by --track-offset SECONDS"
             )
         warnings.append(
             f"{track.source}: its clock and the camera's have nothing in common; both are taken to begin together "

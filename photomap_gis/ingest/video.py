@@ -86,16 +86,27 @@ def video_footage(
     if forced is not None:
         ledger.warnings += forced.warnings
     done = 0
-    for recording in group_splits(infos):
+    recordings = group_splits(infos)
+    unplaced: list[DataError] = []
+    for recording in recordings:
         pieces = _pieces(recording, forced, options, ledger.warnings)
         if pieces:
-            _add_flight(pieces, forced, options, ledger)
+            try:
+                _add_flight(pieces, forced, options, ledger)
+            except DataError as error:  # its log and its clock do not meet: the other recordings' may
+                unplaced.append(error)
+                ledger.warnings.append(f"left out: {error}")
         done += len(recording)
         if on_progress is not None:
             on_progress(done, len(infos))
     if not ledger.frames:
-        raise DataError("; ".join(ledger.warnings) or "no video holds a frame that can be used; give other files")
+        raise unplaced[0] if unplaced else DataError(_nothing_usable(ledger.warnings))
     return Footage(tuple(ledger.frames), tuple(ledger.flights), tuple(dict.fromkeys(ledger.warnings)))
+
+
+def _nothing_usable(warnings: Sequence[str]) -> str:
+    reasons = [w.removeprefix("left out: ") for w in warnings if w.startswith("left out: ")]
+    return reasons[0] if reasons else "no video holds a frame that can be used; give other files"
 
 
 def find_track(info: VideoInfo, options: IngestOptions, warnings: list[str]) -> Track | None:
@@ -110,10 +121,10 @@ def find_track(info: VideoInfo, options: IngestOptions, warnings: list[str]) -> 
         if track.points:
             return track
     if info.has_klv or info.has_subtitles:
-        track = find_embedded(info.path, order=options.srt_order)
-        if track is not None:
-            warnings += track.warnings
-            return track
+        embedded = find_embedded(info.path, order=options.srt_order)
+        if embedded is not None:
+            warnings += embedded.warnings
+            return embedded
     return None
 
 

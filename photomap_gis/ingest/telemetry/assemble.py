@@ -59,8 +59,8 @@ class Positions:
         good = np.flatnonzero(np.isfinite(times_s) & there)
         _, first = np.unique(times_s[good], return_index=True)
         keep = good[first]
-        arrays = (np.asarray(c, dtype=np.float64)[keep] for c in columns)
-        return cls(times_s[keep], *arrays, without_fix=len(times_s) - len(good))
+        lat, lon, alt, height, sigma = (np.asarray(c, dtype=np.float64)[keep] for c in columns)
+        return cls(times_s[keep], lat, lon, alt, height, sigma, len(times_s) - len(good))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +91,8 @@ class Turns:
     def yaw_rad(self, at_s: FloatArray) -> FloatArray:
         """``(N,)`` yaw at other moments; NaN where unknown."""
         w, x, y, z = np.moveaxis(sample_quaternions(self.times_s, self.q, at_s, max_gap_s=_MAX_ATTITUDE_GAP_S), -1, 0)
-        return np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+        yaw: FloatArray = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+        return yaw
 
 
 def points_of(positions: Positions, body: Turns, gimbal: Turns | None) -> tuple[tuple[TrackPoint, ...], list[str]]:

@@ -202,7 +202,8 @@ def _accuracy(
         return np.full(len(gps_s), np.nan)
     accuracy = np.where(gpa["HAcc"] > 0, gpa["HAcc"], np.nan)
     order = np.argsort(gpa["TimeUS"], kind="stable")
-    return np.interp(gps_s, gpa["TimeUS"][order] / 1e6 + boot_to_utc_s, accuracy[order])
+    at_fixes: np.ndarray = np.interp(gps_s, gpa["TimeUS"][order] / 1e6 + boot_to_utc_s, accuracy[order])
+    return at_fixes
 
 
 def _body(att: dict[str, np.ndarray] | None, boot_to_utc_s: float) -> Turns:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from photomap_gis.core.errors import DataError
+from photomap_gis.core.frame import Attitude
 from photomap_gis.ingest.telemetry.clean import clean_points
 from photomap_gis.ingest.telemetry.rotations import attitudes_of_quaternions, multiply, quaternions_of_euler
 from photomap_gis.ingest.telemetry.track import Clock, Track, TrackPoint
@@ -87,7 +88,8 @@ def checksum(packet: bytes) -> int:
     body = packet[:-2]
     if len(body) % 2:
         body += b"\0"
-    return sum(struct.unpack(f">{len(body) // 2}H", body)) & 0xFFFF
+    words: tuple[int, ...] = struct.unpack(f">{len(body) // 2}H", body)
+    return sum(words) & 0xFFFF
 
 
 def _packet(packet: bytes, body: int) -> KlvPacket | None:
@@ -192,7 +194,7 @@ def _height_m(values: Mapping[str, float]) -> float | None:
     return None
 
 
-def _attitudes(packets: list[KlvPacket]) -> list:  # type: ignore[type-arg]
+def _attitudes(packets: list[KlvPacket]) -> list[Attitude | None]:
     """Return the camera's attitude per packet, ``None`` where the platform's or the sensor's angles are missing."""
     if not packets:
         return []

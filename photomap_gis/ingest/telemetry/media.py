@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import av
 from av.error import FFmpegError
@@ -35,7 +36,7 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
             wanted = [s for s in container.streams if s.type in ("data", "subtitle")]
             if not wanted:
                 return None
-            start_s = float(video.start_time * video.time_base) if video and video.start_time is not None else 0.0
+            start_s = _start_s(video)
             pending = bytearray()
             for count, packet in enumerate(container.demux(wanted)):
                 if count > _MAX_PACKETS:
@@ -67,6 +68,13 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
         track = track_of_entries(subtitles, str(path), order=order)
         return track if track.points else None
     return None
+
+
+def _start_s(stream: Any) -> float:
+    """Return when a stream's first frame is, on the container's clock."""
+    if stream is None or stream.start_time is None or stream.time_base is None:
+        return 0.0
+    return float(stream.start_time * stream.time_base)
 
 
 def _mov_text(data: bytes) -> str:

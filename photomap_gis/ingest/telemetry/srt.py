@@ -124,7 +124,7 @@ def _split(text: str) -> list[tuple[float | None, str]]:
 
 def _cue_s(cue: re.Match[str]) -> float:
     hours, minutes, seconds, fraction = cue.group(1, 2, 3, 4)
-    return int(hours) * 3600 + int(minutes) * 60 + int(seconds) + int(fraction) / 10 ** len(fraction)
+    return int(hours) * 3600 + int(minutes) * 60 + int(seconds) + float(f"0.{fraction}")
 
 
 def _parse(cue_s: float | None, text: str) -> _Entry:
@@ -194,7 +194,7 @@ def _local_s(text: str) -> float | None:
         return None
     year, month, day, hour, minute, second = (int(v) for v in date.groups()[:6])
     fraction = date.group(7)
-    return unix_s(year, month, day, hour, minute, second + (int(fraction) / 10 ** len(fraction) if fraction else 0.0))
+    return unix_s(year, month, day, hour, minute, second + (float(f"0.{fraction}") if fraction else 0.0))
 
 
 def _focal_35mm(text: str, pairs: dict[str, float]) -> float | None:

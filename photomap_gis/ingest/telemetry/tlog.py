@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -43,7 +44,7 @@ _3D_FIX = 3
 class _Messages:
     """The wanted messages of one vehicle: per kind the record's time and the decoded fields by name."""
 
-    of: dict[str, list[tuple[float, dict[str, object]]]] = field(default_factory=lambda: defaultdict(list))
+    of: dict[str, list[tuple[float, dict[str, Any]]]] = field(default_factory=lambda: defaultdict(list))
 
     def column(self, kind: str, name: str) -> np.ndarray:
         """``(N,)`` values of a field."""
@@ -120,7 +121,7 @@ def _scan(data: mmap.mmap) -> tuple[dict[int, _Messages], int]:
     return dict(vehicles), skipped
 
 
-def _decode(data: mmap.mmap, start: int, kind: type) -> dict[str, object] | None:
+def _decode(data: mmap.mmap, start: int, kind: Any) -> dict[str, Any] | None:
     """Return a packet's fields by name, ``None`` where its checksum does not hold."""
     header = 6 if data[start] == _V1 else 10
     length = data[start + 1]
@@ -132,7 +133,7 @@ def _decode(data: mmap.mmap, start: int, kind: type) -> dict[str, object] | None
     payload = body[header - 1 :]
     size = kind.unpacker.size
     values = kind.unpacker.unpack(payload[:size].ljust(size, b"\0"))  # MAVLink 2 cuts trailing zeros
-    fields: dict[str, object] = {}
+    fields: dict[str, Any] = {}
     at = 0
     for name, count in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
         is_text = isinstance(values[at], bytes)
@@ -162,14 +163,14 @@ def _track(m: _Messages, path: Path, warnings: list[str]) -> Track:
 def _boot_to_utc_s(m: _Messages) -> float:
     """What to add to the vehicle's seconds since boot to reach UTC: by its own clock, else by the ground station's."""
     pairs = [
-        int(f["time_unix_usec"]) / 1e6 - int(f["time_boot_ms"]) / 1e3  # type: ignore[call-overload]
+        int(f["time_unix_usec"]) / 1e6 - int(f["time_boot_ms"]) / 1e3
         for _, f in m.of["SYSTEM_TIME"]
-        if _FIRST_UNIX_US < int(f["time_unix_usec"]) < _LAST_UNIX_US  # type: ignore[call-overload]
+        if _FIRST_UNIX_US < int(f["time_unix_usec"]) < _LAST_UNIX_US
     ]
     if pairs:
         return median(pairs)
     heard = [
-        record_s - float(f["time_boot_ms"]) / 1e3  # type: ignore[arg-type]
+        record_s - float(f["time_boot_ms"]) / 1e3
         for kind in ("GLOBAL_POSITION_INT", "ATTITUDE")
         for record_s, f in m.of[kind]
     ]
@@ -239,10 +240,7 @@ def _gimbal(m: _Messages, boot_to_utc_s: float, body: Turns, path: Path, warning
 
 def _record_to_utc_s(m: _Messages, boot_to_utc_s: float) -> float:
     """What to add to the ground station's clock to reach UTC."""
-    ahead = [
-        float(f["time_boot_ms"]) / 1e3 + boot_to_utc_s - record_s  # type: ignore[arg-type]
-        for record_s, f in m.of["ATTITUDE"]
-    ]
+    ahead = [float(f["time_boot_ms"]) / 1e3 + boot_to_utc_s - record_s for record_s, f in m.of["ATTITUDE"]]
     return median(ahead) if ahead else 0.0
 
 
@@ -288,11 +286,11 @@ def _modes(m: _Messages) -> tuple[ModeChange, ...]:
     autopilots = Counter(f["type"] for _, f in m.of["HEARTBEAT"] if f["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID)
     if not autopilots:
         return ()
-    names = _mode_names(int(autopilots.most_common(1)[0][0]))  # type: ignore[call-overload]
+    names = _mode_names(int(autopilots.most_common(1)[0][0]))
     for record_s, f in m.of["HEARTBEAT"]:
         if f["autopilot"] == mavlink.MAV_AUTOPILOT_INVALID:
             continue  # a gimbal or camera of the same vehicle
-        name = names.get(int(f["custom_mode"]), f"mode {f['custom_mode']}")  # type: ignore[call-overload]
+        name = names.get(int(f["custom_mode"]), f"mode {f['custom_mode']}")
         if not modes or modes[-1].name != name:
             modes.append(ModeChange(record_s, name))
     return tuple(modes)

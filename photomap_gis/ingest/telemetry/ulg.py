@@ -46,8 +46,8 @@ def read_ulg(path: Path) -> Track:
     """Return the track of a PX4 log; a damaged or cut one gives what it holds and a warning."""
     try:
         # pyulog prints what it thinks of damaged logs: words of a library belong into the log.
-        with contextlib.redirect_stdout(io.StringIO()) as said:
-            log = ULog(str(path), _TOPICS, disable_str_exceptions=True)
+        with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()) as said:
+            log = ULog(file, _TOPICS, disable_str_exceptions=True)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error}); check the path and its rights") from error
     except Exception as error:  # pyulog raises whatever the damage leads it to: TypeError, struct.error, KeyError
@@ -202,5 +202,5 @@ def _modes(status: Topic | None, shift_s: float) -> tuple[ModeChange, ...]:
     if status is None or "nav_state" not in status:
         return ()
     states, times_s = status["nav_state"].astype(int), status["timestamp"].astype(np.float64) / 1e6 + shift_s
-    changes = np.flatnonzero(np.append(True, np.diff(states) != 0)) if len(states) else []
+    changes = np.flatnonzero(np.diff(states, prepend=-1) != 0)
     return tuple(ModeChange(float(times_s[i]), _NAV_STATES.get(int(states[i]), f"nav {states[i]}")) for i in changes)
