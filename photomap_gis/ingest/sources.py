@@ -184,8 +184,9 @@ def _search_folder(folder: Path) -> FoundFiles:
 
 
 def _walk(folder: Path) -> Iterator[Path]:
-    """Yield the files below a folder; hidden folders and missions are passed over, and links do not go round."""
+    """Yield the pictures below a folder; hidden folders and missions are passed over, and links do not go round."""
     seen: set[Path] = set()
+    wanted = PHOTO_SUFFIXES | VIDEO_SUFFIXES | RAW_SUFFIXES
     for where, below, names in os.walk(folder, followlinks=True):
         here = Path(where)
         real = here.resolve()
@@ -195,7 +196,9 @@ def _walk(folder: Path) -> Iterator[Path]:
         seen.add(real)
         below[:] = sorted(d for d in below if not d.startswith(".") and d != "@eaDir")
         for name in names:
-            yield here / name
+            path = here / name
+            if path.suffix.lower() in wanted and path.is_file():  # a pipe of that name would never end
+                yield path
 
 
 def read_frame(ref: FrameRef) -> Frame:

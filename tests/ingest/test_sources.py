@@ -81,6 +81,12 @@ def test_a_missions_own_pictures_are_no_photos(card, make_photo):
     assert "0.png" not in names(find_files([card]))
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_pipe_is_no_photo(card):
+    os.mkfifo(card / "100MEDIA" / "DJI_50.JPG")
+    assert len(find_files([card]).photos) == 4
+
+
 def test_links_do_not_go_round(card):
     (card / "100MEDIA" / "again").symlink_to(card, target_is_directory=True)
     assert len(find_files([card]).photos) == 4
