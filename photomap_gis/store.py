@@ -45,13 +45,17 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class MissionHeader:
-    """What was asked for, and where the internal map frame lies; ``settings`` are the corridor's, opaque here."""
+    """What was asked for, and where the internal map frame lies; ``settings`` are the corridor's, opaque here.
+
+    ``warnings`` are what ingest had to say about the sources.
+    """
 
     sources: tuple[str, ...]
     settings: dict[str, Any]
     map_frame: MapFrame
     created_utc: str
     product: str
+    warnings: tuple[str, ...] = ()
     schema: int = SCHEMA
 
 

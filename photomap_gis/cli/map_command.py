@@ -1,0 +1,110 @@
+"""``photomap map``: from photos or videos to a mission with its map."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from photomap_gis.cli.progress import ProgressBars
+from photomap_gis.cli.source_options import ingest_options, source_options
+from photomap_gis.core.errors import UsageError
+
+if TYPE_CHECKING:
+    from photomap_gis.pipeline import MapSummary
+
+
+@click.command(name="map", short_help="Make a georeferenced photo map from photos or a video.")
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option("-o", "--output", "mission", type=click.Path(path_type=Path), help="The mission folder to make.")
+@click.option("--add", "add", type=click.Path(path_type=Path), metavar="MISSION", help="Extend this mission instead.")
+@click.option("--crs", help="CRS of the map, e.g. EPSG:25832; default: the right UTM zone.")
+@click.option("--gsd", type=float, help="Pixel of the map in metres; default: what the camera saw.")
+@click.option("--max-off-nadir", type=float, default=35.0, show_default=True, metavar="DEG",
+              help="Frames looking further off the plumb line are not pasted.")  # fmt: skip
+@source_options
+@click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
+@click.option("--memory", "memory_mb", type=click.IntRange(128), default=512, show_default=True, metavar="MB",
+              help="Memory for pictures while rendering.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress.")
+def command(
+    sources: tuple[str, ...],
+    mission: Path | None,
+    add: Path | None,
+    crs: str | None,
+    gsd: float | None,
+    max_off_nadir: float,
+    workers: int | None,
+    memory_mb: int,
+    as_json: bool,
+    quiet: bool,
+    **source: object,
+) -> None:
+    """Make a georeferenced photo map from SOURCES: folders or globs of photos, or videos with their track.
+
+    \b
+    photomap map DCIM/100MEDIA -o flight-1
+    photomap map DJI_0001.MP4 DJI_0002.MP4 -o flight-2        # .SRT files lie beside
+    photomap map flight.mp4 --track flight.tlog --fov-deg 78 -o flight-3
+    photomap map --add flight-1 SECOND_CARD
+
+    MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
+    command on the same folder resumes a run that was stopped.
+    """
+    from photomap_gis.pipeline import MapSettings, map_flight
+
+    if (mission is None) == (add is None):
+        raise UsageError("name the mission folder: -o MISSION makes one, --add MISSION extends one")
+    settings = MapSettings(
+        ingest=ingest_options(source),
+        crs=crs,
+        gsd_m_per_px=gsd,
+        max_off_nadir_deg=max_off_nadir,
+        workers=workers,
+        memory_mb=memory_mb,
+    )
+    folder = add or mission
+    assert folder is not None  # told apart above
+    with ProgressBars(quiet=quiet) as bars:
+        summary = map_flight(sources, folder, settings, add=add is not None, on_progress=bars)
+    if as_json:
+        click.echo(json.dumps(summary.as_document(), indent=1))
+    else:
+        click.echo(describe(summary))
+    for warning in summary.warnings:
+        click.echo(f"warning: {warning}", err=True)
+
+
+def describe(summary: MapSummary) -> str:
+    """Return the summary as a person reads it."""
+    total = summary.frames["total"]
+    seconds = sum(summary.seconds.values())
+    lines = [f"map        {summary.map}"]
+    if not summary.georeferenced:
+        lines.append("           NOT GEOREFERENCED: a relative map in pixels of its first frame; there was no GPS")
+    for status, count in summary.frames.items():
+        if status != "total" and count:
+            reasons = ", ".join(f"{n} {why}" for why, n in summary.reasons.get(status, {}).items() if why)
+            lines.append(f"{'frames' if lines[-1].startswith(('map', '    ')) else '':<10} {count:>5} {status}"
+                         + (f" ({reasons})" if reasons else ""))  # fmt: skip
+    lines.append(f"matches    {summary.registrations['sequential']} from frame to frame, "
+                 f"{summary.registrations['loop']} across; {summary.segments} connected piece(s)")  # fmt: skip
+    unit = "m" if summary.georeferenced else "units"
+    west, south, east, north = summary.bounds
+    lines.append(f"extent     {east - west:.1f} x {north - south:.1f} {unit}"
+                 + (f", {summary.area_m2 / 1e4:.2f} ha seen" if summary.area_m2 is not None else "")
+                 + (f", {summary.crs}" if summary.crs else ""))  # fmt: skip
+    lines.append(f"pixel      {summary.gsd_m_per_px * (100 if summary.georeferenced else 1):.2f} "
+                 f"{'cm on the ground' if summary.georeferenced else 'units'}")  # fmt: skip
+    if summary.fit_to_gps_rms_m is not None:
+        lines.append(
+            f"fit to GPS {summary.fit_to_gps_rms_m:.2f} m RMS (how well map and track agree; not the accuracy)"
+        )
+    if summary.predicted_ce90_m is not None:
+        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
+    stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
+    lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
+    return "\n".join(lines)

@@ -1,0 +1,103 @@
+"""Opening a mission: made from sources, resumed where a run was stopped, or extended by more sources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+from pydantic import TypeAdapter
+
+from photomap_gis import __version__
+from photomap_gis.core.errors import UsageError
+from photomap_gis.core.frame import Footage
+from photomap_gis.core.grid import MapFrame
+from photomap_gis.georef import choose_map_frame, resolve_crs
+from photomap_gis.ingest import open_sources
+from photomap_gis.pipeline.settings import MapSettings, Progress
+from photomap_gis.store import Mission, MissionHeader
+
+_SETTINGS = TypeAdapter(MapSettings)
+
+
+def open_mission(
+    sources: Sequence[str | Path], folder: Path, settings: MapSettings, *, add: bool, on_progress: Progress
+) -> tuple[Mission, MapSettings]:
+    """Return the mission in ``folder`` and the settings that hold for it.
+
+    A folder that holds a mission of the same sources and settings is resumed; of others it is a ``UsageError``.
+    """
+    if settings.crs is not None:
+        resolve_crs(settings.crs)  # a wrong name is told before anyone waits
+    look = partial(on_progress, "look")
+    if add:
+        mission = Mission.open(folder)
+        known = _SETTINGS.validate_python(mission.header.settings)
+        settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px)
+        _extend(mission, sources, settings, look)
+        return mission, settings
+    names = tuple(str(Path(s).absolute()) for s in sources)
+    if Mission.exists(folder):
+        mission = Mission.open(folder)
+        if mission.header.sources[: len(names)] != names or _shaping(mission.header.settings) != _shaping(
+            _SETTINGS.dump_python(settings, mode="json")
+        ):
+            raise UsageError(
+                f"{folder} holds a mission of other sources or settings: extend it by --add, "
+                "or choose another folder by -o"
+            )
+        return mission, settings
+    footage = open_sources(sources, settings.ingest, on_progress=look)
+    header = MissionHeader(
+        sources=names,
+        settings=_SETTINGS.dump_python(settings, mode="json"),
+        map_frame=_map_frame(footage, settings),
+        created_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        product=f"photomap {__version__}",
+        warnings=footage.warnings,
+    )
+    return Mission.create(folder, header, footage), settings
+
+
+def _extend(
+    mission: Mission, sources: Sequence[str | Path], settings: MapSettings, look: Callable[[int, int], None]
+) -> None:
+    frames, flights = tuple(mission.frames), tuple(mission.flights)
+    footage = open_sources(
+        sources,
+        settings.ingest,
+        first_index=1 + max((f.index for f in frames), default=-1),
+        first_flight=1 + max((f.id for f in flights), default=-1),
+        on_progress=look,
+    )
+    known = {(f.source, f.frame_number) for f in frames}
+    fresh = tuple(f for f in footage.frames if (f.source, f.frame_number) not in known)
+    header = mission.header
+    warnings = header.warnings + footage.warnings
+    if len(fresh) < len(footage.frames):
+        warnings += (f"{len(footage.frames) - len(fresh)} frames were in the mission already and were not added again",)
+    used = {f.flight for f in fresh}
+    mission.add_footage(replace(footage, frames=fresh, flights=tuple(f for f in footage.flights if f.id in used)))
+    map_frame = header.map_frame
+    if map_frame.crs_wkt is None:
+        map_frame = _map_frame(replace(footage, frames=frames + fresh), settings)
+    names = tuple(n for n in (str(Path(s).absolute()) for s in sources) if n not in header.sources)
+    mission.save_header(
+        replace(header, sources=header.sources + names, warnings=tuple(dict.fromkeys(warnings)), map_frame=map_frame)
+    )
+
+
+def _map_frame(footage: Footage, settings: MapSettings) -> MapFrame:
+    fixes = [f.fix for f in footage.frames if f.fix is not None]
+    if not fixes:
+        if settings.crs is not None:
+            raise UsageError("--crs needs positions, and the sources have none: leave it away or give --track FILE")
+        return MapFrame(None)
+    return choose_map_frame(fixes, settings.crs)
+
+
+def _shaping(settings: dict[str, object]) -> dict[str, object]:
+    """Return the settings that shape measurements: a resumed run may use other threads, memory and pixels."""
+    return {k: v for k, v in settings.items() if k not in {"workers", "memory_mb", "gsd_m_per_px"}}

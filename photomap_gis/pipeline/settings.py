@@ -1,0 +1,41 @@
+"""What a user may say about a map, and how the corridor tells how far it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from photomap_gis.core.errors import UsageError
+from photomap_gis.ingest.options import IngestOptions
+
+Progress = Callable[[str, int, int], None]
+"""Called with (stage, done, total)."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapSettings:
+    """Choices for one mission; those that shape its measurements are kept in the mission and hold for ``--add`` too.
+
+    ``crs`` is what the user wrote (``None``: the right UTM zone), ``gsd_m_per_px`` the map's pixel (``None``: native).
+    ``work_size_px`` is the longer side of the images that are registered.
+    """
+
+    ingest: IngestOptions = field(default_factory=IngestOptions)
+    crs: str | None = None
+    gsd_m_per_px: float | None = None
+    max_off_nadir_deg: float = 35.0
+    work_size_px: int = 512
+    workers: int | None = None
+    memory_mb: int = 512
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.max_off_nadir_deg < 90.0:
+            raise UsageError(f"--max-off-nadir must lie between 0 and 90 degrees, got {self.max_off_nadir_deg:g}")
+        if self.gsd_m_per_px is not None and not (math.isfinite(self.gsd_m_per_px) and self.gsd_m_per_px > 0):
+            raise UsageError(f"--gsd must be a positive number of metres a pixel, got {self.gsd_m_per_px:g}")
+
+    @property
+    def max_off_nadir_rad(self) -> float:
+        """Frames whose optical axis leans further from the plumb line are not pasted."""
+        return math.radians(self.max_off_nadir_deg)

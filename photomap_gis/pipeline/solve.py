@@ -1,0 +1,218 @@
+"""From measurements to placements: the graph is built, solved, and its result kept with every frame's status."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from photomap_gis.core.camera import PlaneView
+from photomap_gis.core.frame import FrameRef, FrameStatus
+from photomap_gis.core.grid import MapFrame
+from photomap_gis.core.placement import FramePlacement, PlanePlacement
+from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.export.crs import crs_label
+from photomap_gis.georef import accuracy, observe, plane_view
+from photomap_gis.pipeline.measure import Cluster, Measurements
+from photomap_gis.pipeline.settings import MapSettings
+from photomap_gis.slam import GraphBuilder, placements, solve
+from photomap_gis.store import Mission, PlacementRecord, SolutionRecord
+
+PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """One solution: what became of every frame, and where the placed ones lie."""
+
+    frames: tuple[FrameRef, ...]
+    map_frame: MapFrame
+    trajectory: Trajectory
+    statuses: Mapping[int, FrameStatus]
+    reasons: Mapping[int, str]
+    fit_to_gps_rms_m: float | None = None
+    predicted_ce90_m: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def georeferenced(self) -> bool:
+        """Whether the map has a place on Earth."""
+        return self.map_frame.crs_wkt is not None
+
+    @property
+    def crs_name(self) -> str | None:
+        """The map's CRS as people write it, e.g. EPSG:32614; ``None`` for a relative map."""
+        return None if self.map_frame.crs_wkt is None else crs_label(self.map_frame.crs_wkt)
+
+    @property
+    def segment_numbers(self) -> list[int]:
+        """The segments that have something to paste, the largest first."""
+        sizes = Counter(p.segment for p in self.trajectory.placements if p.status in PASTED)
+        return [s for s, _ in sorted(sizes.items(), key=lambda item: (-item[1], item[0]))]
+
+    @property
+    def segments(self) -> int:
+        """How many connected pieces of registered frames there are."""
+        return len({p.segment for p in self.trajectory.placements if p.status is not FrameStatus.GPS_ONLY})
+
+    @property
+    def why_nothing(self) -> str:
+        """What to tell a user none of whose frames can be pasted."""
+        if any(s is FrameStatus.OBLIQUE for s in self.statuses.values()):
+            return "every frame looks too far off the plumb line for a map: raise --max-off-nadir to paste them anyway"
+        return (
+            "no frame could be placed: no two frames could be registered and there is no GPS; "
+            "fly with more overlap, or give --track FILE"
+        )
+
+    def count_by_status(self) -> dict[str, int]:
+        """Return the number of frames of every status, 0 included."""
+        counts = Counter(self.statuses.values())
+        return {s.value: counts.get(s, 0) for s in FrameStatus}
+
+    def count_reasons(self) -> dict[str, dict[str, int]]:
+        """Return how often each reason was given, status by status."""
+        found: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        for frame, status in self.statuses.items():
+            if reason := self.reasons.get(frame):
+                found[status.value][reason] += 1
+        return {status: dict(counts.most_common(4)) for status, counts in found.items()}
+
+    def clusters(self, views: Mapping[int, PlaneView]) -> list[Cluster]:
+        """Return the placed frames by the map frame that they share: all of them, or a segment each without GPS."""
+        groups: defaultdict[int, list[FramePlacement]] = defaultdict(list)
+        for p in self.trajectory.placements:
+            groups[0 if self.georeferenced else p.segment].append(p)
+        found = []
+        for group in groups.values():
+            poses = {}
+            for p in group:
+                assert isinstance(p.camera_to_map, PlanePlacement)
+                poses[p.frame] = (p.camera_to_map.T_map_plane, p.pose_covariance)
+            outlines = {f: plane_outline(views[f]) for f in poses}
+            found.append(Cluster(poses, outlines, {p.frame: p.segment for p in group}))
+        return found
+
+    def save(self, mission: Mission) -> None:
+        """Keep the solution in the mission folder."""
+        placed = {p.frame: p for p in self.trajectory.placements}
+
+        def record(ref: FrameRef) -> PlacementRecord:
+            status, reason = self.statuses[ref.index], self.reasons.get(ref.index, "")
+            p = placed.get(ref.index)
+            if p is None:
+                return PlacementRecord(ref.index, status, reason)
+            assert isinstance(p.camera_to_map, PlanePlacement)
+            covariance = tuple(float(v) for v in p.pose_covariance.ravel())
+            return PlacementRecord(
+                ref.index, status, reason, p.segment, p.method, p.camera_to_map.T_map_plane, covariance
+            )
+
+        summary = {
+            "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
+            "predicted_ce90_m": self.predicted_ce90_m,
+            "warnings": list(self.warnings),
+        }
+        mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
+
+    @classmethod
+    def load(cls, mission: Mission) -> Solved:
+        """Return the newest solution of a mission; ``DataError`` where there is none."""
+        kept = mission.load_solution()
+        frames = tuple(mission.frames)
+        refs = {f.index: f for f in frames}
+        placed = tuple(
+            FramePlacement(
+                r.frame,
+                refs[r.frame].width_px,
+                refs[r.frame].height_px,
+                PlanePlacement(plane_view(refs[r.frame]), r.T_map_plane),
+                r.covariance_matrix,
+                r.status,
+                r.segment or 0,
+                r.method,
+            )
+            for r in kept.placements
+            if r.T_map_plane is not None
+        )
+        return cls(
+            frames,
+            mission.header.map_frame,
+            Trajectory(placed, kept.revision),
+            {r.frame: r.status for r in kept.placements},
+            {r.frame: r.reason for r in kept.placements if r.reason},
+            kept.summary.get("fit_to_gps_rms_m"),
+            kept.summary.get("predicted_ce90_m"),
+            tuple(kept.summary.get("warnings", ())),
+        )
+
+
+def solve_mission(
+    mission: Mission,
+    frames: Sequence[FrameRef],
+    views: Mapping[int, PlaneView],
+    measurements: Measurements,
+    settings: MapSettings,
+) -> Solved:
+    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
+    prepared, map_frame = measurements.prepared, mission.header.map_frame
+    usable = [f for f in frames if prepared[f.index].usable]
+    builder = GraphBuilder()
+    for ref in usable:
+        builder.add_frame(ref.index)
+    for r in measurements.accepted:
+        builder.add_registration(r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, kind=r.kind)
+    if map_frame.crs_wkt is not None:
+        seen = observe(usable, map_frame)
+        builder.observe(seen.positions, seen.scales, seen.headings)
+    graph = builder.snapshot()
+    solution = solve(graph)
+    predicted = accuracy(solution, graph)
+    trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
+    placed = {p.frame: p.status for p in trajectory.placements}
+    statuses, reasons = {}, {}
+    for ref in frames:
+        verdict = prepared[ref.index]
+        if not verdict.usable:
+            statuses[ref.index], reasons[ref.index] = FrameStatus.ERROR_FRAME, verdict.reason or "unusable"
+        elif ref.index in placed:
+            statuses[ref.index] = placed[ref.index]
+        elif ref.attitude is not None and ref.attitude.off_nadir_rad > settings.max_off_nadir_rad:
+            statuses[ref.index] = FrameStatus.OBLIQUE
+        else:
+            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, "no GPS and no registration"
+        if statuses[ref.index] is FrameStatus.GPS_ONLY:
+            reasons[ref.index] = "no registration to a neighbour could be trusted"
+        elif statuses[ref.index] is FrameStatus.OBLIQUE:
+            reasons[ref.index] = f"optical axis more than {settings.max_off_nadir_deg:g} degrees off nadir"
+    return Solved(
+        tuple(frames),
+        map_frame,
+        trajectory,
+        statuses,
+        reasons,
+        solution.fit_to_gps_rms_m,
+        None if predicted is None else predicted.predicted_ce90_m,
+        _warnings(frames, map_frame),
+    )
+
+
+def plane_outline(view: PlaneView) -> FloatArray:
+    """``(4, 2)`` the raster's corners in its plane."""
+    w, h = view.camera.width_px, view.camera.height_px
+    return view.to_plane([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
+
+
+def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...]:
+    found = []
+    if map_frame.crs_wkt is None:
+        found.append(
+            "no positions: the map is relative, not georeferenced; give --track FILE, or put the .SRT beside the video"
+        )
+    if any(f.problem is None and (f.camera is None or f.camera.focal_px is None) for f in frames):
+        found.append(
+            "the lens is unknown: scale comes from GPS against registration, tilt cannot be levelled; "
+            "give --fov-deg or --focal-35mm"
+        )
+    return tuple(found)
