@@ -27,6 +27,10 @@ FEATHER_PX = 4
 SLIVER_PX = 256
 """A frame that gives a tile fewer pixels than this leaves them to others that see them."""
 
+LIGHT_EXPLAINS = 0.35
+"""Low frequencies of two levelled frames that differ by more than this share of their level show different things."""
+
+_DARK = 12.0  # grey levels: near black, shares mean nothing
 _NOBODY = -1
 
 
@@ -82,6 +86,24 @@ def consensus_weights(seen: Sequence[Seen]) -> FloatImage:
     total = weights.sum(axis=0)
     np.divide(weights, total, out=weights, where=total > 0)
     return weights
+
+
+def shift_to_consensus(own: FloatImage, shares: Sequence[tuple[FloatImage, FloatImage]]) -> FloatImage:
+    """Return ``(rows, columns, 3)`` what a frame's low frequencies lack to the weighted mean of all ``shares``.
+
+    ``shares`` are ``(rows, columns, 1)`` weights and ``(rows, columns, 3)`` low frequencies. Frames that differ by more
+    than light explains show another thing there (relief, an error in a placement, a car): they are not listened to,
+    else the one's roof would shine through the other's lawn.
+    """
+    shift = np.zeros_like(own)
+    for weight, other in shares:
+        if other is own:
+            continue
+        difference = other - own
+        level = 0.5 * (other.mean(axis=-1, keepdims=True) + own.mean(axis=-1, keepdims=True)) + _DARK
+        relative = np.abs(difference).mean(axis=-1, keepdims=True) / (LIGHT_EXPLAINS * level)
+        shift += weight / (1.0 + relative**4) * difference
+    return shift
 
 
 _LEAST = np.float32(1e-6)  # at the very edge of the map all tapers vanish together

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from photomap_gis.core.grid import MapFrame, MapGrid, Window
-from photomap_gis.mosaic.blend import Seen, consensus_weights, detail_weights, labels_of
+from photomap_gis.mosaic.blend import Seen, consensus_weights, detail_weights, labels_of, shift_to_consensus
 from photomap_gis.mosaic.choice import radius_and_border, sight
 from photomap_gis.mosaic.exposure import Exposure
 from photomap_gis.mosaic.lattice import STEP_PX, Box, FloatImage, Lattice
@@ -106,12 +106,8 @@ def _corrections(
     lows = {
         one.view.frame: _low(one, source) * factors[one.view.frame] for one in [*givers, *(seen[k] for k in sharing)]
     }
-    consensus = sum(weights[k][..., None] * lows[seen[k].view.frame] for k in sharing)
-    anybody = (weights.sum(axis=0) > 0)[..., None]
-    return [
-        _Correction(factors[one.view.frame], np.where(anybody, consensus - lows[one.view.frame], 0).astype(np.float32))
-        for one in givers
-    ]
+    shares = [(weights[k][..., None], lows[seen[k].view.frame]) for k in sharing]
+    return [_Correction(factors[one.view.frame], shift_to_consensus(lows[one.view.frame], shares)) for one in givers]
 
 
 def _factor(one: Seen, exposure: Exposure) -> FloatImage:

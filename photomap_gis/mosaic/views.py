@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,8 @@ from photomap_gis.core.frame import FrameStatus
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.mosaic.outline import convex_hull, distance_inside
+from photomap_gis.mosaic.seen import SeenGround
 
 MIN_SPACING = 0.1
 """Frames whose centres are closer than this share of a frame's diagonal do not both get a cell of their own."""
@@ -27,14 +29,15 @@ MIN_SPACING = 0.1
 MAX_COARSENING = 4.0
 """Pixels whose ground sampling is this many times coarser than at the frame's centre are not pasted (horizons)."""
 
-SPARE_ADDS = 0.005
+SPARE_ADDS = 0.015
 """A crowded frame is of use where it adds this share of its footprint to the map."""
 
 SPARE_TIER, FILL_TIER = 1, 2
 """Tiers: 0 registered, 1 registered but crowded, 2 placed by GPS alone, 3 both."""
 
 _RING_POINTS_PER_SIDE = 8
-_CELLS_PER_SIDE = 32
+_CELLS_PER_SIDE = 64
+_COMES_BACK_PX = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,40 +102,13 @@ def views_of(trajectory: Trajectory) -> list[View]:
     return _that_add_ground(ranked, reference_gsd)
 
 
-def distance_inside(hull: FloatArray, points: npt.ArrayLike) -> FloatArray:
-    """``(N,)`` distance of ``(N, 2)`` points from a convex hull's border, positive inside."""
-    edges = np.roll(hull, -1, axis=0) - hull
-    normals = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)
-    distances: FloatArray = np.asarray(points, dtype=np.float64) @ normals.T - np.sum(normals * hull, axis=1)
-    return np.asarray(distances.min(axis=1))
-
-
-def convex_hull(points: FloatArray) -> FloatArray:
-    """``(K, 2)`` convex hull of ``(N, 2)`` points, turning from x to y, without collinear corners (Andrew's chain)."""
-    order = points[np.lexsort((points[:, 1], points[:, 0]))]
-    size = float(np.ptp(order, axis=0).max()) or 1.0
-
-    def chain(path: Iterable[FloatArray]) -> list[FloatArray]:
-        out: list[FloatArray] = []
-        for p in path:
-            while len(out) >= 2 and _turn(out[-2], out[-1], p) <= 1e-9 * size * size:
-                out.pop()
-            out.append(p)
-        return out[:-1]
-
-    return np.array(chain(order) + chain(order[::-1]))
-
-
-def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
-
-
 def _view_of(placement: FramePlacement) -> View | None:
     if placement.status not in (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY):
         return None
     if placement.width_px < 2 or placement.height_px < 2:
         return None
-    gsd, centre = placement.gsd_m_per_px, placement.centre_xy_map_m
+    with np.errstate(all="ignore"):
+        gsd, centre = placement.gsd_m_per_px, placement.centre_xy_map_m
     if not (np.isfinite(gsd) and gsd > 0 and np.isfinite(centre).all()):
         return None
     footprint = _usable_footprint(placement, gsd)
@@ -165,10 +141,16 @@ def _usable_footprint(placement: FramePlacement, gsd: float) -> FloatArray:
 def _project_usable(
     placement: FramePlacement, xy_px: FloatArray, gsd: float
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    xy = placement.camera_to_map.project(xy_px)
-    with np.errstate(invalid="ignore"):
+    """Return map points of pixels and whether each can be pasted: it sees the ground, finely enough, and comes back.
+
+    A pixel does not come back where a lens model bends more than any lens does, as wrong metadata may say.
+    """
+    with np.errstate(all="ignore"):
+        xy = placement.camera_to_map.project(xy_px)
         local_gsd = np.sqrt(np.abs(np.linalg.det(placement.camera_to_map.jacobian(xy_px))))
+        back = placement.camera_to_map.unproject(xy)
         ok = np.isfinite(xy).all(axis=1) & (local_gsd <= MAX_COARSENING * gsd)
+        ok &= np.linalg.norm(back - xy_px, axis=1) < _COMES_BACK_PX
     return xy, ok
 
 
@@ -194,30 +176,16 @@ def _crowded(views: list[View]) -> list[bool]:
 
 def _that_add_ground(views: list[View], reference_gsd: float) -> list[View]:
     """Return the views without those crowded ones that see (nearly) nothing that better ones do not see."""
+    if not any(view.tier % 2 == SPARE_TIER for view in views):
+        return views
     side_px = float(np.median([min(view.placement.width_px, view.placement.height_px) for view in views]))
-    cell_m = side_px * reference_gsd / _CELLS_PER_SIDE
-    seen: set[tuple[int, int]] = set()
+    seen = SeenGround(side_px * reference_gsd / _CELLS_PER_SIDE)
     left_out: set[int] = set()
     for index in sorted(range(len(views)), key=lambda i: views[i].tier):
-        view = views[index]
-        cells = _cells_under(view, cell_m)
-        if view.tier % 2 == SPARE_TIER and len(cells - seen) <= SPARE_ADDS * len(cells):
+        crowded = views[index].tier % 2 == SPARE_TIER
+        if seen.add(views[index].hull_xy_map_m, least_new=SPARE_ADDS if crowded else 0.0) < 0:
             left_out.add(index)
-        else:
-            seen |= cells
     return [view for index, view in enumerate(views) if index not in left_out]
-
-
-def _cells_under(view: View, cell_m: float) -> set[tuple[int, int]]:
-    low, high = view.bounds_map_m
-    # A frame from far above covers many cells: look at no more of them than of any other frame's.
-    step = max(1, math.ceil(float(np.max(high - low)) / cell_m / (8 * _CELLS_PER_SIDE)))
-    first, last = np.floor(low / cell_m).astype(int), np.floor(high / cell_m).astype(int)
-    cells = np.stack(
-        np.meshgrid(np.arange(first[0], last[0] + 1, step), np.arange(first[1], last[1] + 1, step)), axis=-1
-    ).reshape(-1, 2)
-    inside = distance_inside(view.hull_xy_map_m, (cells + 0.5) * cell_m) >= 0.0
-    return set(map(tuple, cells[inside].tolist()))
 
 
 def _crowds(kept: View, view: View) -> bool:

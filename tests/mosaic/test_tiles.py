@@ -1,0 +1,133 @@
+"""Tiles on disk: what was written is read, whole, by any window, from any thread; nothing else is touched."""
+
+import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from photomap_gis.core.errors import DataError, OutputError
+from photomap_gis.core.grid import MapGrid, TileIndex, Window
+from photomap_gis.mosaic import TileStore
+from photomap_gis.mosaic.tiles import decode_png, encode_png
+
+GRID = MapGrid("a CRS", 100.0, 200.0, 0.5, 150, 90, 64)
+
+
+def filled(tmp_path, rng):
+    whole = rng.integers(0, 256, (GRID.height, GRID.width, 4), dtype=np.uint8)
+    whole[..., 3] = 255
+    whole[:40, 30:90, 3] = rng.integers(0, 256, (40, 60))
+    store = TileStore.create(tmp_path / "map", GRID, revision=7, fingerprint="f")
+    for tile in GRID.tiles():
+        x, y, w, h = GRID.window(tile)
+        store.write(tile, whole[y : y + h, x : x + w])
+    return store, whole
+
+
+@pytest.mark.parametrize(
+    "window", [(0, 0, 150, 90), (10, 20, 100, 50), (60, 60, 8, 8), (149, 89, 1, 1), (-20, -30, 300, 200)]
+)
+def test_any_window_is_read_exactly(tmp_path, rng, window):
+    store, whole = filled(tmp_path, rng)
+    padded = np.zeros((500, 500, 4), np.uint8)
+    padded[100:190, 100:250] = whole
+    x, y, w, h = window
+    assert np.array_equal(store.read(Window(*window)), padded[100 + y : 100 + y + h, 100 + x : 100 + x + w])
+
+
+def test_a_window_beside_the_grid_is_empty(tmp_path, rng):
+    store, _ = filled(tmp_path, rng)
+    assert not store.read(Window(1000, 1000, 5, 5)).any() and not store.read(Window(-50, 3, 20, 20)).any()
+
+
+def test_a_store_is_reopened_as_it_was(tmp_path, rng):
+    store, whole = filled(tmp_path, rng)
+    again = TileStore(store.folder)
+    assert (again.grid, again.revision, again.fingerprint) == (GRID, 7, "f")
+    assert np.array_equal(again.read(Window(0, 0, 150, 90)), whole)
+
+
+def test_tiles_stay_for_the_same_plan_and_go_for_another(tmp_path, rng):
+    store, _ = filled(tmp_path, rng)
+    (store.folder / "notes.txt").write_text("mine")
+    assert TileStore.create(store.folder, GRID, revision=8, fingerprint="f").done(TileIndex(0, 0))
+    other = TileStore.create(store.folder, GRID, revision=8, fingerprint="g")
+    assert not any(other.done(tile) for tile in GRID.tiles())
+    assert (store.folder / "notes.txt").read_text() == "mine"
+
+
+def test_an_empty_tile_is_done_and_takes_no_space(tmp_path):
+    store = TileStore.create(tmp_path, GRID, revision=1)
+    tile = TileIndex(1, 1)
+    assert not store.done(tile)
+    store.write(tile, np.zeros((26, 64, 4), np.uint8))
+    assert store.done(tile) and not list(tmp_path.glob("*/*.png"))
+    assert not store.read(GRID.window(tile)).any()
+
+
+def test_a_tile_that_is_written_again_is_read_anew(tmp_path, rng):
+    store, _ = filled(tmp_path, rng)
+    window = GRID.window(TileIndex(0, 0))
+    store.read(window)
+    new = np.full((64, 64, 4), 255, np.uint8)
+    store.write(TileIndex(0, 0), new)
+    assert np.array_equal(store.read(window), new)
+    store.write(TileIndex(0, 0), np.zeros_like(new))
+    assert not store.read(window).any()
+
+
+def test_readers_and_writers_share_a_store(tmp_path, rng):
+    store, whole = filled(tmp_path, rng)
+    stop = threading.Event()
+
+    def rewrite():
+        while not stop.is_set():
+            store.write(TileIndex(0, 1), whole[:64, 64:128])
+
+    writer = threading.Thread(target=rewrite)
+    writer.start()
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            for got in pool.map(store.read, [Window(0, 0, 150, 90)] * 40):
+                assert np.array_equal(got, whole)
+    finally:
+        stop.set()
+        writer.join()
+
+
+def test_no_store_and_damaged_stores_are_named(tmp_path, rng):
+    with pytest.raises(DataError, match="no rendered map"):
+        TileStore(tmp_path)
+    store, _ = filled(tmp_path, rng)
+    (store.folder / "00000" / "00000.png").write_bytes(b"\x89PNG broken")
+    with pytest.raises(DataError, match="damaged"):
+        TileStore(store.folder).read(Window(0, 0, 9, 9))
+    head = store.folder / "grid.json"
+    head.write_text(json.dumps({**json.loads(head.read_text()), "format": 99}))
+    with pytest.raises(DataError, match="version"):
+        TileStore(store.folder)
+    head.write_text("{")
+    with pytest.raises(DataError, match="damaged"):
+        TileStore(store.folder)
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        TileStore.create(tmp_path / "file" / "map", GRID, revision=1)
+
+
+def test_a_tile_of_the_wrong_size_is_refused(tmp_path):
+    store = TileStore.create(tmp_path, GRID, revision=1)
+    with pytest.raises(ValueError, match="rgba"):
+        store.write(TileIndex(1, 2), np.zeros((64, 64, 4), np.uint8))
+
+
+def test_png_keeps_every_bit(rng):
+    rgba = rng.integers(0, 256, (20, 30, 4), dtype=np.uint8)
+    assert np.array_equal(decode_png(encode_png(rgba)), rgba)
+    rgba[..., 3] = 255
+    assert np.array_equal(decode_png(encode_png(rgba)), rgba)
+    assert decode_png(b"") is None and decode_png(b"nonsense") is None
