@@ -17,8 +17,8 @@ OCCUPANCY_M = 1.0
 
 @dataclass(slots=True, eq=False)
 class Canvas:
-    """Rasters under construction: ``colour`` (H, W, 3) BGR uint8, ``height_m`` (H, W), coarse ``taken`` (one metre); ``leafy`` (H, W)
-    marks what grows.
+    """Rasters under construction: ``colour`` (H, W, 3) BGR uint8, ``height_m`` (H, W), coarse ``taken`` (one
+    metre); ``leafy`` (H, W) marks what grows.
 
     Scene coordinates are metres, x east and y south from the upper-left corner.
     """
@@ -113,4 +113,5 @@ def box_corners(centre_m: FloatArray, length_m: float, width_m: float, angle_rad
     """``(4, 2)`` corners of a turned rectangle."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     half = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (length_m / 2.0, width_m / 2.0)
-    return centre_m + half @ np.array([[c, s], [-s, c]])
+    corners: FloatArray = centre_m + half @ np.array([[c, s], [-s, c]])
+    return corners

@@ -151,7 +151,7 @@ def _path(pattern: Pattern, spec: FlightSpec, *, video: bool) -> _Path:
     speed = spec.speed_m_s
     lead = 0.0 if video else speed * max(TURN_S, CORNER_S)
     corners = pattern.turn_points(lead_m=lead)
-    if pattern.stations == 1 and lead == 0.0 or len(corners) < 2:
+    if (pattern.stations == 1 and lead == 0.0) or len(corners) < 2:
         corners = np.concatenate([corners, corners[-1:] + 1e-6])
     legs = np.diff(corners, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
@@ -164,15 +164,15 @@ def _path(pattern: Pattern, spec: FlightSpec, *, video: bool) -> _Path:
         yaw = np.unwrap(np.arctan2(legs[:, 0], legs[:, 1]))[leg]
     else:
         yaw = np.full(count, pattern.heading_rad)
-    en = np.stack([_rounded(en[:, i], CORNER_S) for i in (0, 1)], axis=1)
-    yaw = _rounded(yaw, TURN_S)
+    en = np.stack([_rounded(np.asarray(en[:, i]), CORNER_S) for i in (0, 1)], axis=1)
+    yaw = _rounded(np.asarray(yaw, dtype=np.float64), TURN_S)
     if video:
         times = np.arange(pattern.frames) / spec.video_rate_hz
     else:
         station = np.arange(pattern.frames)
         strip, k = station // pattern.stations, station % pattern.stations
         times = (at[2 * strip] + lead + k * pattern.along_step_m) / speed
-    return _Path(t, en, yaw, times)
+    return _Path(np.asarray(t, dtype=np.float64), np.asarray(en, dtype=np.float64), yaw, np.asarray(times, float))
 
 
 def _joined(paths: list[_Path]) -> _Path:

@@ -1,4 +1,4 @@
-"""Where a simulated flight lies on the Earth: UTM zones, longitude and latitude, and the turn between the two norths."""
+"""Where a simulated flight lies on the Earth: UTM zones, longitude and latitude, the turn between the two norths."""
 
 from __future__ import annotations
 

@@ -17,7 +17,8 @@ from pyproj import CRS
 from rasterio.enums import Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.vrt import WarpedVRT
-from rasterio.warp import calculate_default_transform, reproject
+from rasterio.warp import reproject
+from rasterio.warp import transform as warp_points
 from rasterio.windows import Window as RasterWindow
 
 from photomap_gis.core.errors import DataError, OutputError
@@ -195,28 +196,31 @@ def _read_placed(dataset: Any, pixel_size_m: float | None, max_side_px: int) -> 
     square = t.b == 0 and t.d == 0 and t.a > 0 and t.e < 0 and math.isclose(t.a, -t.e, rel_tol=1e-6)
     if metric and square and (pixel_size_m is None or math.isclose(pixel_size_m, t.a, rel_tol=1e-6)):
         window = _middle(dataset.width, dataset.height, max_side_px)
-        corner = rasterio.windows.transform(window, t)
-        return Ground(_read_colour(dataset, window), None, float(t.a), corner.c, corner.f, dataset.crs.to_wkt())
+        west, north = _corner(window, t)
+        return Ground(_read_colour(dataset, window), None, float(t.a), west, north, dataset.crs.to_wkt())
     wkt = dataset.crs.to_wkt() if metric else _utm_of(dataset)
-    transform, width, height = calculate_default_transform(
-        dataset.crs, wkt, dataset.width, dataset.height, *dataset.bounds, resolution=pixel_size_m
-    )
-    size = (transform.a - transform.e) / 2.0
-    transform = rasterio.Affine(size, 0.0, transform.c, 0.0, -size, transform.f)
+    with WarpedVRT(dataset, crs=wkt) as guess:
+        size = pixel_size_m or math.sqrt(abs(guess.transform.a * guess.transform.e))
+        left, bottom, right, top = guess.bounds
+    transform = rasterio.Affine(size, 0.0, left, 0.0, -size, top)
+    width, height = max(1, int((right - left) / size)), max(1, int((top - bottom) / size))
     with WarpedVRT(
         dataset, crs=wkt, transform=transform, width=width, height=height, resampling=Resampling.bilinear
     ) as vrt:
         window = _middle(width, height, max_side_px)
-        corner = rasterio.windows.transform(window, transform)
-        return Ground(_read_colour(vrt, window), None, size, corner.c, corner.f, CRS.from_user_input(wkt).to_wkt())
+        west, north = _corner(window, transform)
+        return Ground(_read_colour(vrt, window), None, size, west, north, CRS.from_user_input(wkt).to_wkt())
+
+
+def _corner(window: RasterWindow, transform: rasterio.Affine) -> tuple[float, float]:
+    """Return the outer corner of a window's first pixel in a north-up raster."""
+    return transform.c + window.col_off * transform.a, transform.f + window.row_off * transform.e
 
 
 def _utm_of(dataset: Any) -> str:
     """Return the UTM zone of a raster's middle."""
-    from rasterio.warp import transform as warp_points
-
-    x, y = dataset.transform * (dataset.width / 2.0, dataset.height / 2.0)
-    lon, lat = warp_points(dataset.crs, "EPSG:4326", [x], [y])
+    left, bottom, right, top = dataset.bounds
+    lon, lat = warp_points(dataset.crs, "EPSG:4326", [(left + right) / 2.0], [(bottom + top) / 2.0])
     return utm_wkt(lat[0], lon[0])
 
 
@@ -228,7 +232,7 @@ def _read_colour(dataset: Any, window: RasterWindow) -> ImageArray:
             table = np.zeros((256, 3), np.uint8)
             for value, rgba in dataset.colormap(1).items():
                 table[value & 255] = rgba[2::-1]
-            return table[band.astype(np.uint8)]
+            return np.asarray(table[band.astype(np.uint8)])
         except ValueError:  # no palette
             bands = np.repeat(band[None], 3, axis=0)
     else:

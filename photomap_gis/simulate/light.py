@@ -50,4 +50,4 @@ def _shadow(height_m: FloatImage, gsd_m: float, sun_xy: tuple[float, float], ris
             borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
         np.maximum(dark, np.clip((ahead - small - k * step_m * rise) / 0.3, 0, 1), out=dark)
-    return cv2.resize(cv2.GaussianBlur(dark, (0, 0), 0.8), (w, h), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.resize(cv2.GaussianBlur(dark, (0, 0), 0.8), (w, h), interpolation=cv2.INTER_LINEAR))

@@ -16,24 +16,45 @@ def fractal_noise(
 ) -> FloatImage:
     """``shape`` float32 smooth noise of mean 0 and sigma about 1, coarsest detail ``wavelength_px`` pixels wide."""
     h, w = shape
-    out = np.zeros(shape, np.float32)
+    coarse = 4 if min(shape) >= 256 else 1
+    # octaves wider than 24 pixels are summed on every fourth pixel: their detail needs no more
+    out = np.zeros((h // coarse + 4, w // coarse + 4) if coarse > 1 else shape, np.float32)
+    fine = coarse == 1
     amplitude, power = 1.0, 0.0
     for octave in range(octaves):
         step = wavelength_px / 2**octave
         if step < 1.0:
             break
-        # a grid that overhangs by a cell and is cut: otherwise every octave would share its nodes with the border
-        gh, gw = int(h / step) + 4, int(w / step) + 4
-        grid = rng.standard_normal((gh, gw)).astype(np.float32)
-        # 1.18: cubic interpolation between independent nodes loses a part of their sigma
-        scale = np.float32(amplitude * 1.18)
-        x0, y0 = rng.uniform(1.0, 2.0, 2)
-        to_grid = np.array([[1.0 / step, 0.0, x0], [0.0, 1.0 / step, y0]])
-        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-        out += scale * cv2.warpAffine(grid, to_grid, (w, h), flags=flags, borderMode=cv2.BORDER_REFLECT)
+        if not fine and step < 24.0:
+            out, fine = _enlarged(out, coarse, shape), True
+        factor = 1 if fine else coarse
+        _add_octave(out, rng, step / factor, amplitude)
         power += amplitude**2
         amplitude *= gain
+    if not fine:
+        out = _enlarged(out, coarse, shape)
     return out / np.float32(max(power, 1e-9) ** 0.5)
+
+
+def _add_octave(out: FloatImage, rng: np.random.Generator, step_px: float, amplitude: float) -> None:
+    """Add noise of independent nodes ``step_px`` apart, in place."""
+    h, w = out.shape
+    grid = rng.standard_normal((int(h / step_px) + 4, int(w / step_px) + 4), dtype=np.float32)
+    # 1.18: cubic interpolation between independent nodes loses a part of their sigma
+    grid *= np.float32(amplitude * 1.18)
+    # the nodes start at a random place: otherwise every octave would share them with the border
+    x0, y0 = rng.uniform(1.0, 2.0, 2)
+    to_grid = np.array([[1.0 / step_px, 0.0, x0], [0.0, 1.0 / step_px, y0]])
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    cv2.add(out, cv2.warpAffine(grid, to_grid, (w, h), flags=flags, borderMode=cv2.BORDER_REFLECT), dst=out)
+
+
+def _enlarged(field: FloatImage, factor: int, shape: tuple[int, int]) -> FloatImage:
+    """Return ``shape`` pixels of a field whose pixels are ``factor`` wide."""
+    to_field = np.array([[1.0 / factor, 0.0, 1.0], [0.0, 1.0 / factor, 1.0]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    out: FloatImage = cv2.warpAffine(field, to_field, shape[::-1], flags=flags, borderMode=cv2.BORDER_REFLECT)
+    return out
 
 
 def gauss_markov(times_s: npt.ArrayLike, *, sigma: float, tau_s: float, rng: np.random.Generator) -> FloatArray:

@@ -63,7 +63,7 @@ class Pattern:
             points += ends if k % 2 == 0 else ends[::-1]
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         # along the heading is (sin, cos) in east, north; across, to its right, is (cos, -sin)
-        return np.asarray(points) @ np.array([[c, -s], [s, c]])
+        return np.asarray(np.asarray(points) @ np.array([[c, -s], [s, c]]))
 
 
 def plan_pattern(
@@ -71,8 +71,8 @@ def plan_pattern(
 ) -> Pattern:
     """Return the pattern that fills the room best, or at a given altitude the most compact one that fits.
 
-    ``room_m`` is the ground's width and height; ``None`` where the ground will be made to fit (then an altitude of 100 m
-    is taken unless one is given). ``UsageError`` says what would fit where nothing does.
+    ``room_m`` is the ground's width and height; ``None`` where the ground will be made to fit (then an altitude of
+    100 m is taken unless one is given). ``UsageError`` says what would fit where nothing does.
     """
     if room_m is None or spec.altitude_m is not None:
         altitude = spec.altitude_m or 100.0

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.frame import ImageArray
@@ -47,7 +49,7 @@ class FrameRenderer:
         self._typical_z = 0.0 if ground.height_m is None else float(np.median(ground.height_m))
 
     def render(self, pose: CameraPose, pose_at_end: CameraPose | None = None) -> ImageArray:
-        """``(H, W, 3)`` BGR uint8 frame; with ``pose_at_end`` the rows are exposed one after the other between the two."""
+        """``(H, W, 3)`` BGR uint8 frame; with ``pose_at_end`` the rows are exposed one by one between the two."""
         rows = np.linspace(0.0, 1.0, self._camera.height_px)[:, None]
         rotation, eye = _row_poses(pose, pose_at_end, rows)
         # ray = R @ (x, y, 1) in north, east, down; slopes are metres gone a metre of depth
@@ -71,7 +73,7 @@ class FrameRenderer:
         else:
             depth = eye_z - level.surface.intersect((eye_x, eye_y), eye_z, (slope_x, slope_y))
         zoomed_in = pose.height_m - self._typical_z < 0.9 * level.pixel_size_m * float(self._camera.focal_px or 1.0)
-        image = cv2.remap(
+        image: ImageArray = cv2.remap(
             level.colour,
             eye_x + depth * slope_x,
             eye_y + depth * slope_y,
@@ -101,13 +103,12 @@ class FrameRenderer:
             blur = 0.5 * math.sqrt(factor * factor - 1.0)
             to_ground = np.array([[factor, 0.0, (factor - 1) / 2.0], [0.0, factor, (factor - 1) / 2.0]])
             flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-            colour, height = (
-                None if a is None else cv2.warpAffine(
-                    cv2.GaussianBlur(a, (0, 0), blur), to_ground, size, flags=flags, borderMode=cv2.BORDER_REPLICATE
-                )
-                for a in (colour, height)
-            )  # fmt: skip
-        assert colour is not None  # noqa: S101
+
+            def shrunk(raster: npt.NDArray[Any]) -> npt.NDArray[Any]:
+                soft = cv2.GaussianBlur(raster, (0, 0), blur)
+                return np.asarray(cv2.warpAffine(soft, to_ground, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
+
+            colour, height = shrunk(colour), None if height is None else shrunk(height)
         return _Level(colour, None if height is None else Surface(height), ground.pixel_size_m * factor)
 
 

@@ -42,7 +42,7 @@ class Sensor:
         self._cuts = rng.integers(0, NOISE_POOL_PX, (len(shots), 2))
 
     def expose(self, light: ImageArray, shot: Shot) -> ImageArray:
-        """Return the stored image, ``(H, W, 3)`` BGR or ``(H, W)`` grey where the look is thermal, of ``(H, W, 3)`` light."""
+        """Return the stored image of ``(H, W, 3)`` light: BGR, or ``(H, W)`` grey where the look is thermal."""
         im = self._spec.imaging
         image = self._smeared(light, shot)
         if im.thermal:
@@ -53,7 +53,7 @@ class Sensor:
         y, x = self._cuts[shot.index]
         h, w = image.shape[:2]
         out += self._pool[y : y + h, x : x + w]
-        return cv2.convertScaleAbs(cv2.max(out, 0.0))
+        return np.asarray(cv2.convertScaleAbs(cv2.max(out, 0.0)))
 
     def _smeared(self, light: ImageArray, shot: Shot) -> ImageArray:
         """Smear along the image's motion during the exposure; shorter than a third of a pixel is left out."""
@@ -74,7 +74,7 @@ class Sensor:
             i, j = int(x), int(y)
             for di, dj in ((0, 0), (1, 0), (0, 1), (1, 1)):
                 kernel[j + dj, i + di] += (1 - abs(x - i - di)) * (1 - abs(y - j - dj))
-        return cv2.filter2D(light, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE))
 
     def _thermal(self, image: ImageArray, shot: Shot) -> ImageArray:
         """Grey, low contrast, soft, with column noise; what is dark in the sun is warm."""

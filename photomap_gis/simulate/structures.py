@@ -64,7 +64,7 @@ def _build_block(
     rise = 0.0 if kind == "flat" else min(0.35 * width, 0.4 * height_m)
     eaves = base + height_m - rise
     if kind == "gable":
-        roof = eaves + rise * (1.0 - np.abs(v) / (width / 2))
+        roof: npt.NDArray[np.floating] = eaves + rise * (1.0 - np.abs(v) / (width / 2))
         ridge = np.abs(v) < max(0.12, 0.6 * g)
     elif kind == "pitch":
         roof = eaves + rise * (v / width + 0.5)

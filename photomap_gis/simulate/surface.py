@@ -10,7 +10,7 @@ from photomap_gis.simulate.noise import FloatImage
 
 BLOCK_PX = 16
 TILE_PX = 64
-MARCH_PX = 1.0
+MARCH_PX = 1.4
 """Longest horizontal step of a marching ray, in pixels of the height raster: nothing thinner can be jumped."""
 
 
@@ -35,8 +35,8 @@ class Surface:
     ) -> FloatImage:
         """``(H, W)`` height in metres at which each ray first meets the surface, coming from above.
 
-        ``eye_xy`` and ``eye_height_m`` are ``(H, 1)`` (each image row may have its own eye), ``slope_xy`` are ``(H, W)``
-        raster pixels gone sideways a metre of depth.
+        ``eye_xy`` and ``eye_height_m`` are ``(H, 1)`` (each image row may have its own eye), ``slope_xy`` are
+        ``(H, W)`` raster pixels gone sideways a metre of depth.
         """
         u, v = slope_xy
         out = np.empty(u.shape, np.float32)
@@ -86,7 +86,8 @@ class Surface:
     ) -> FloatImage:
         """``(H, W)`` the surface's height where the rays are at a depth below the eye."""
         x, y = (e + depth * s for e, s in zip(eye_xy, slope, strict=True))
-        return cv2.remap(self._height, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        heights: FloatImage = cv2.remap(self._height, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return heights
 
     def _settle(
         self,
@@ -112,16 +113,19 @@ class Surface:
         *,
         steps: int,
     ) -> FloatImage:
-        """Go down in equal steps of height to the first that lies under the surface, then halve the step."""
+        """Find, in equal steps of height, the highest that lies under the surface, then halve the step."""
         low, high = low_high_m
         step = np.float32((high - low) / steps)
         found: FloatImage = np.full(slope[0].shape, np.float32(low), np.float32)
+        # from below: the last step that lies under the surface is then the first that a ray from above meets
+        x, y = (e + (eye_z - np.float32(low)) * s for e, s in zip(eye_xy, slope, strict=True))
+        dx, dy = (step * s for s in slope)
         for k in range(1, steps):
-            z = np.float32(high - k * float(step))
-            under = self._heights(eye_xy, eye_z - z, slope) >= z
-            np.maximum(found, np.where(under, z, np.float32(low)), out=found)
-            if k % 8 == 0 and float(found.min()) > low:
-                break
+            z = np.float32(low + k * float(step))
+            cv2.subtract(x, dx, dst=x)
+            cv2.subtract(y, dy, dst=y)
+            heights = cv2.remap(self._height, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            np.copyto(found, z, where=heights >= z)
         size = step
         for _ in range(3):  # found lies under the surface, found + size above it
             size = np.float32(size / 2)

@@ -55,7 +55,7 @@ def _parcels(canvas: Canvas) -> npt.NDArray[np.intp]:
     bend = [6.0 * fractal_noise((h, w), rng, wavelength_px=14.0 / g, octaves=4) / coarse_m / 4.0 for _ in range(2)]
     x = np.arange(w, dtype=np.float32)[None, :] * np.float32(g / coarse_m) + bend[0]
     y = np.arange(h, dtype=np.float32)[:, None] * np.float32(g / coarse_m) + bend[1]
-    return cv2.remap(kinds, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE).astype(np.intp)
+    return np.asarray(cv2.remap(kinds, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE).astype(np.intp))
 
 
 def _scatter_stones(canvas: Canvas) -> None:
@@ -146,7 +146,7 @@ def _mark_road(canvas: Canvas, line_m: FloatArray, width_m: float) -> None:
         s = np.atleast_1d(np.asarray(s))
         p = np.stack([np.interp(s, along, line_m[:, i]) for i in (0, 1)], axis=1)
         n = np.stack([np.interp(s, along, normal[:, i]) for i in (0, 1)], axis=1)
-        return p + n * np.reshape(offset_m, (-1, 1))
+        return np.asarray(p + n * np.reshape(offset_m, (-1, 1)))
 
     s = 0.0
     while s < along[-1]:

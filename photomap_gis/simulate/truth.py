@@ -86,7 +86,7 @@ def write_truth(truth: Truth, ground: Ground) -> None:
 
 
 def read_truth(folder: Path | str) -> Truth:
-    """Read what ``write_truth`` wrote; a simulation's folder or its ``truth`` folder. ``DataError`` where there is none."""
+    """Read what ``write_truth`` wrote, from a simulation's folder or its ``truth`` folder; ``DataError`` if none."""
     folder = Path(folder)
     if not (folder / TRUTH_FILE).is_file() and (folder / "truth" / TRUTH_FILE).is_file():
         folder = folder / "truth"

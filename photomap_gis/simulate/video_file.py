@@ -19,7 +19,7 @@ from photomap_gis.simulate.spec import FlightSpec
 
 
 class VideoFile:
-    """An MP4 and its SRT being written, frame by frame (a context manager; both appear under their names at the end)."""
+    """An MP4 and its SRT being written frame by frame (a context manager; both appear under their names at the end)."""
 
     def __init__(self, path: Path, spec: FlightSpec, start_unix_s: float) -> None:
         self._path, self._spec = path, spec
