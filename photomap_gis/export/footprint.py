@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import shapely
+import shapely.affinity
 from rasterio import Affine
 from rasterio.features import shapes
 from shapely.geometry import MultiPolygon, Polygon, mapping, shape
@@ -62,7 +63,22 @@ def to_wgs84(geometry: MultiPolygon, crs_wkt: str | None) -> MultiPolygon:
     west, south, east, north = geometry.bounds
     dense = shapely.segmentize(geometry, max(east - west, north - south) / 50.0)
     to_degrees = point_map(crs, WGS84, around_xy=[[west, south], [east, north]])
-    return _polygons(shapely.transform(dense, to_degrees))
+    middle = float(to_degrees([[(west + east) / 2.0, (south + north) / 2.0]])[0, 0])
+
+    def unwrapped(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        lon_lat = to_degrees(points)
+        lon_lat[:, 0] = middle + (lon_lat[:, 0] - middle + 180.0) % 360.0 - 180.0
+        return lon_lat
+
+    degrees = _polygons(shapely.transform(dense, unwrapped))
+    if degrees.bounds[0] >= -180.0 and degrees.bounds[2] <= 180.0:
+        return degrees
+    # RFC 7946, section 3.1.9: what crosses the antimeridian is cut there.
+    parts = []
+    for turn in (-360.0, 0.0, 360.0):
+        within = degrees & shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0)
+        parts.append(_polygons(shapely.affinity.translate(within, -turn)))
+    return MultiPolygon([polygon for part in parts for polygon in part.geoms])
 
 
 def feature_collection(geometry: MultiPolygon, properties: Mapping[str, Any]) -> dict[str, Any]:

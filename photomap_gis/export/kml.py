@@ -62,7 +62,8 @@ def write_kmz(
     if when:
         description = f"{description}\nImagery of {when}".strip()
     if path.suffix.lower() == ".kml":
-        folder = f"{re.sub(r'[^A-Za-z0-9_-]+', '_', path.stem)}_files"
+        # Readers differ on escapes in links: a plain name needs none.
+        folder = f"{re.sub(r'[^A-Za-z0-9-]+', '_', path.stem).strip('_') or 'map'}_files"
         with (
             folder_in_place_of(path.parent / folder, ours=lambda f: (f / "0" / "0" / "0.kml").is_file()) as fresh,
             file_in_place_of(path, lambda p: _check_kml(p.read_bytes(), path)) as temporary,

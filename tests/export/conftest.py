@@ -113,7 +113,7 @@ def scene() -> SimpleNamespace:
 PLACES = {
     "utm-33n": ("EPSG:32633", 391_000.0, 5_820_000.0),
     "utm-19s": ("EPSG:32719", 346_000.0, 6_298_000.0),
-    "utm-60n-antimeridian": ("EPSG:32660", 833_950.0, 555_000.0),
+    "utm-60n-antimeridian": ("EPSG:32660", 832_660.0, 553_470.0),
     "utm-35n-arctic": ("EPSG:32635", 480_000.0, 8_690_000.0),
     "poland-north-first": ("EPSG:2180", 637_000.0, 486_500.0),
     "switzerland": ("EPSG:2056", 2_600_000.0, 1_200_000.0),
