@@ -8,7 +8,7 @@ relate to it, else from the frame next to it. What is borrowed so is told to the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ BORROWED_SCALE_SIGMA = 0.2
 BORROWED_HEADING_SIGMA_RAD = 0.35
 MIN_COURSE_BASELINE_M = 6.0
 SAMPLES = 400
+VOTERS = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +51,7 @@ def anchor(relative: RelativePoses, positions: PositionTerms, scales: ScalarTerm
     nodes_of = _group(relative.labels)
     short: list[int] = []
     for label, fixes in fixes_of.items():
-        fit = _align(relative.t[positions.node[fixes]], positions.z_m[fixes], positions.sigma_m[fixes])
+        fit = align(relative.t[positions.node[fixes]], positions.z_m[fixes], positions.sigma_m[fixes])
         if fit is None:
             short.append(label)
             continue
@@ -82,12 +83,16 @@ def anchor(relative: RelativePoses, positions: PositionTerms, scales: ScalarTerm
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
+class Fit:
+    """``z p + t``: a component laid on its fixes; ``spread`` by what they miss it beyond their sigmas (at least 1)."""
+
     z: complex
     t: complex
+    sigma_rad: float = 0.0
+    spread: float = 1.0
 
 
-def _align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray) -> _Fit | None:
+def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray) -> Fit | None:
     """Fit ``z p + t`` to fixes robustly (least median of squares, then re-weighted); ``None`` for a short baseline."""
     n = len(points)
     if n < 2:
@@ -95,18 +100,17 @@ def _align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray) -> 
     pairs = _far_pairs(points)
     if not len(pairs):
         return None
-    best, best_score = None, np.inf
     i, j = pairs[:, 0], pairs[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = (fixes_m[j] - fixes_m[i]) / (points[j] - points[i])
-    for k in np.flatnonzero(np.isfinite(z) & (z != 0)):
-        t = (fixes_m[i[k]] + fixes_m[j[k]] - z[k] * (points[i[k]] + points[j[k]])) / 2.0
-        score = float(np.median(np.abs(z[k] * points + t - fixes_m)))
-        if score < best_score:
-            best, best_score = _Fit(complex(z[k]), complex(t)), score
-    if best is None:
+    z = (fixes_m[j] - fixes_m[i]) / (points[j] - points[i])
+    t = (fixes_m[i] + fixes_m[j] - z * (points[i] + points[j])) / 2.0
+    # all pairs against a thinned set of points at once: thousands of fixes need no more than some hundred to vote
+    voters = np.linspace(0, n - 1, min(n, VOTERS)).astype(np.intp)
+    score = np.median(np.abs(z[:, None] * points[voters] + t[:, None] - fixes_m[voters]), axis=1)
+    score[z == 0] = np.inf
+    best = int(np.argmin(score))
+    if not np.isfinite(score[best]):
         return None
-    fit = best
+    fit = Fit(complex(z[best]), complex(t[best]))
     for _ in range(10):
         r = np.abs(fit.z * points + fit.t - fixes_m)
         scale = max(1.0, float(np.median(r / sigma_m)) / 1.1774)
@@ -116,14 +120,15 @@ def _align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray) -> 
         cross = complex(np.sum(weights * (fixes_m - mean_f) * np.conj(points - mean_p)))
         if spread <= 0.0 or cross == 0:
             return None
-        refined = _Fit(cross / spread, complex(mean_f - cross / spread * mean_p))
+        refined = Fit(cross / spread, complex(mean_f - cross / spread * mean_p))
         done = abs(refined.z - fit.z) < 1e-9 * abs(fit.z)
         fit = refined
         if done:
             break
     # neighbours share their error: take every fourth fix for a sample
     effective = np.sqrt(np.sum(weights * np.abs(points - mean_p) ** 2) * abs(fit.z) ** 2 * max(0.25, 2.0 / n))
-    return fit if scale / effective < ALIGNED_SIGMA_RAD else None
+    sigma_rad = scale / float(effective)
+    return replace(fit, sigma_rad=sigma_rad, spread=scale) if sigma_rad < ALIGNED_SIGMA_RAD else None
 
 
 def _far_pairs(points: ComplexArray) -> IntArray:

@@ -1,8 +1,11 @@
 """Where the frames lie relative to each other, by linear steps that converge from anywhere.
 
 Angles and log scales come first (linear once a tree has unwrapped them), then translations with those held. A joint
-linear solution would shrink the scale; the decoupled one does not. Every step is robust: first by Huber's weights,
-whose optimum does not depend on the start, then by re-descending ones.
+linear solution would shrink the scale; the decoupled one does not. Every step is robust by graduated non-convexity
+[1]: plain least squares first, then Geman-McClure's weights ever narrower, so that false edges lose their pull
+before any of them is decided upon.
+
+[1] Yang, Antonante, Tzoumas, Carlone: Graduated Non-Convexity for Robust Spatial Perception, IEEE RA-L 5 (2), 2020.
 """
 
 from __future__ import annotations
@@ -17,10 +20,15 @@ from scipy.sparse.linalg import splu
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.slam.components import IntArray, component_labels
 from photomap_gis.slam.problem import ComplexArray, EdgeTerms
-from photomap_gis.slam.robust import huber, redescending, spread
+from photomap_gis.slam.robust import geman_mcclure, redescending, spread
 
-HUBER_ROUNDS = 6
-REDESCENDING_ROUNDS = 4
+NARROWING = 0.6
+"""By what the limit of trust shrinks from round to round."""
+FINAL_LIMIT = 4.0
+FINAL_ROUNDS = 3
+LOOP_SHARE = 0.5
+"""What a loop weighs beside a sequential edge while nothing else is known: false loops are the commoner."""
+MAX_ROUNDS = 60
 TRUST_OF_SEQUENTIAL = 0.8
 TRUST_OF_LOOP = 0.5
 """What an edge is taken for where no triangle speaks for or against it."""
@@ -48,35 +56,43 @@ def relative_poses(n_nodes: int, edges: EdgeTerms) -> RelativePoses:
     # information of angle and scale with the translation left free, and of the translation with those held
     sigma = np.sqrt(np.maximum(np.linalg.inv(edges.information)[:, [2, 3], [2, 3]], 1e-16))
     w = _unwrapped(n_nodes, edges, anchors)
-    weights = np.ones(len(edges))
-    squared = np.zeros(len(edges))
-    for k in range(HUBER_ROUNDS + REDESCENDING_ROUNDS):
-        residual = _wrapped(edges.w - (w[edges.b] - w[edges.a]))
+    prior = np.where(edges.loop, LOOP_SHARE, 1.0)
+    weights, limit = np.ones(len(edges)), np.inf
+    for _ in range(MAX_ROUNDS):
+        w = w + laplacian.solve(prior * weights / (sigma[:, 0] * sigma[:, 1]), _wrapped(edges.w - _step(w, edges)))
+        residual = _wrapped(edges.w - _step(w, edges))
         squared = (residual.imag / sigma[:, 0]) ** 2 + (residual.real / sigma[:, 1]) ** 2
-        weights = _weights(squared, k)
-        w = w + laplacian.solve(weights / (sigma[:, 0] * sigma[:, 1]), residual)
-    residual = _wrapped(edges.w - (w[edges.b] - w[edges.a]))
+        weights, limit, done = _narrowed(squared, limit)
+        if done:
+            break
     trusted = weights
     # an error of angle or scale moves the far end of the step
     sigma_t = np.sqrt(2.0 / np.trace(edges.information[:, :2, :2], axis1=1, axis2=2))
-    sigma_t = np.hypot(sigma_t, np.abs(edges.t) * np.minimum(np.abs(residual), 0.3))
-    grown = np.exp(w.real[edges.a])
+    sigma_t = np.hypot(sigma_t, np.abs(edges.t) * np.minimum(np.abs(residual), 0.3)) * np.exp(w.real[edges.a])
     step = np.exp(w[edges.a]) * edges.t
-    for k in range(HUBER_ROUNDS + REDESCENDING_ROUNDS):
-        off = step - (t[edges.b] - t[edges.a])
-        squared = (np.abs(off) / (grown * sigma_t)) ** 2
-        weights = trusted * (np.ones(len(edges)) if k == 0 else _weights(squared, k - 1))
-        t = t + laplacian.solve(weights / (grown * sigma_t) ** 2, off)
-    return RelativePoses(w, t, labels, weights)
+    weights, limit = np.ones(len(edges)), np.inf
+    for _ in range(MAX_ROUNDS):
+        t = laplacian.solve(prior * trusted * weights / sigma_t**2, step)
+        weights, limit, done = _narrowed((np.abs(step - _step(t, edges)) / sigma_t) ** 2, limit)
+        if done:
+            break
+    return RelativePoses(w, t, labels, np.clip(trusted * weights, 1e-12, 1.0))
 
 
-def _weights(squared: FloatArray, k: int) -> FloatArray:
-    """Weights of round ``k``: Huber's first, then re-descending about the spread that remains."""
-    if k == 0:
-        return np.ones(len(squared))
-    if k < HUBER_ROUNDS:
-        return huber(squared, 1.0)
-    return redescending(squared / spread(squared, 2) ** 2, 4.0)
+def _step(x: ComplexArray, edges: EdgeTerms) -> ComplexArray:
+    """What the nodes' values say of each edge."""
+    return x[edges.b] - x[edges.a]
+
+
+def _narrowed(squared: FloatArray, limit: float) -> tuple[FloatArray, float, bool]:
+    """Weights for the next round of graduated non-convexity, its limit, and whether this was the last."""
+    final = FINAL_LIMIT * spread(squared, 2)
+    if not np.isfinite(limit):
+        limit = float(np.sqrt(squared.max()))
+    limit = NARROWING * limit
+    if limit <= final:
+        return redescending(squared, final), limit, limit <= final * NARROWING**FINAL_ROUNDS
+    return geman_mcclure(squared, limit), limit, False
 
 
 class _Laplacian:

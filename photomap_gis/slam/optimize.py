@@ -18,10 +18,11 @@ import numpy.typing as npt
 from photomap_gis.core.posegraph import Edge, Pose, PoseGraph, Solution
 from photomap_gis.slam import scipy_backend
 from photomap_gis.slam.anchor import anchor
+from photomap_gis.slam.bridges import contradicted_bridges
 from photomap_gis.slam.components import IntArray, by_size, component_labels
-from photomap_gis.slam.initial import relative_poses
+from photomap_gis.slam.initial import RelativePoses, relative_poses
 from photomap_gis.slam.linear import cost
-from photomap_gis.slam.problem import EdgeTerms, Problem, ScalarTerms, State, Weights, edge_terms, position_terms
+from photomap_gis.slam.problem import EdgeTerms, PositionTerms, Problem, ScalarTerms, State, Weights, edge_terms, position_terms
 from photomap_gis.slam.reweight import Minimise, RobustState, optimise
 from photomap_gis.slam.robust import REJECTED_BELOW
 
@@ -46,10 +47,12 @@ def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
     usable = np.array([k for k, e in enumerate(graph.edges) if _is_usable(e, node_of)], np.intp)
     edges = edge_terms([graph.edges[k] for k in usable], node_of)
     kept = np.ones(len(edges), bool)
-    labels = component_labels(len(frames), edges.a, edges.b)
+    positions, _, _ = position_terms(graph.positions, node_of)
     for _ in range(MAX_SPLITS):
+        kept, relative = _laid_out(len(frames), edges, kept, positions)
+        labels = relative.labels
         active = np.flatnonzero(kept)
-        placed = _place(graph, frames, _rows(edges, active), minimise)
+        placed = _place(graph, frames, _rows(edges, active), relative, minimise)
         kept[active[placed.edges[placed.robust.trust.edges <= REJECTED_BELOW]]] = False
         before, labels = labels, component_labels(len(frames), edges.a[kept], edges.b[kept])
         if np.array_equal(before, labels):
@@ -79,12 +82,29 @@ class _Placed:
     robust: RobustState
 
 
-def _place(graph: PoseGraph, frames: IntArray, edges: EdgeTerms, minimise: Minimise) -> _Placed:
-    """Lay out, anchor and optimise everything that these edges and the graph's observations tie down."""
+def _laid_out(
+    n_nodes: int, edges: EdgeTerms, kept: npt.NDArray[np.bool_], positions: PositionTerms
+) -> tuple[npt.NDArray[np.bool_], RelativePoses]:
+    """Return which edges are left after the fixes have spoken against false bridges, and the poses by those."""
+    kept = kept.copy()
+    while True:
+        active = np.flatnonzero(kept)
+        relative = relative_poses(n_nodes, _rows(edges, active))
+        against = contradicted_bridges(relative, _rows(edges, active), positions)
+        if not len(against):
+            break
+        logger.info("%d registrations on which a part of the map hangs contradict the GPS", len(against))
+        kept[active[against]] = False
+    return kept, relative
+
+
+def _place(
+    graph: PoseGraph, frames: IntArray, edges: EdgeTerms, relative: RelativePoses, minimise: Minimise
+) -> _Placed:
+    """Anchor and optimise everything that these edges and the graph's observations tie down."""
     node_of = {int(f): k for k, f in enumerate(frames)}
-    relative = relative_poses(len(frames), edges)
-    scales, headings = _scalars(graph, node_of, relative.labels)
     positions, _, _ = position_terms(graph.positions, node_of)
+    scales, headings = _scalars(graph, node_of, relative.labels)
     w, t, fixed = relative.w, relative.t, np.zeros(0, np.intp)
     if len(positions):
         anchored = anchor(relative, positions, scales, headings)

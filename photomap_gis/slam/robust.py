@@ -12,9 +12,9 @@ REJECTED_BELOW = 0.1
 """A term whose weight ends below this was put aside."""
 
 
-def huber(squared: FloatArray, limit: float) -> FloatArray:
-    """Weights 1 within ``limit`` sigma, ``limit / d`` beyond: no far term is forgotten, none rules."""
-    return np.minimum(1.0, limit / np.sqrt(np.maximum(squared, 1e-300)))
+def geman_mcclure(squared: FloatArray, limit: float) -> FloatArray:
+    """Weights ``(c^2 / (c^2 + d^2))^2``: smooth, for the rounds in which the limit c still narrows."""
+    return (limit * limit / (limit * limit + squared)) ** 2
 
 
 def redescending(squared: FloatArray, limit: float) -> FloatArray:
