@@ -16,7 +16,10 @@ from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
 
 CORRELATED_RESIDUALS = 3.0
-"""By how much variances grow since neighbouring residuals are not independent (calibrated on known truth)."""
+NOISY_SLOPES = 50.0
+LARGEST_INFLATION = 30.0
+"""Variances that take residuals for independent and slopes for exact grow by CORRELATED_RESIDUALS + NOISY_SLOPES times
+what the correlation lacks to 1 (calibrated on known truth: 3 at 0.98, 11 at 0.85, 30 below 0.5)."""
 SCATTER_SHARE = 0.5
 """How much of relief's scatter enters the motion's covariance as if every block drew it anew (calibrated)."""
 BEND_SHARE = 0.05
@@ -114,8 +117,13 @@ def _field_of(frame: Frame, motion: BlockMotion) -> Field | None:
     use = motion.solved
     if int(use.sum()) < FEWEST_BLOCKS:
         return None
-    noise2 = 0.5 * CORRELATED_RESIDUALS * np.trace(motion.covariance[use], axis1=1, axis2=2)
+    noise2 = 0.5 * np.trace(motion.covariance[use], axis1=1, axis2=2) * _inflation(motion.correlation[use])
     return fit_field(frame, motion.centre[use], motion.displacement[use], noise2, scatter_share=SCATTER_SHARE)
+
+
+def _inflation(correlation: FloatArray) -> FloatArray:
+    """Return by how much variances grow at ``(K,)`` correlations."""
+    return np.minimum(CORRELATED_RESIDUALS + NOISY_SLOPES * (1.0 - correlation), LARGEST_INFLATION)
 
 
 def _seen(a: Spectrum, frame: Frame, T_a_b: Similarity2D, field: Field) -> FloatArray:
@@ -130,7 +138,7 @@ def _unsettled(a: Spectrum, b: Spectrum, lead: Lead, blocks: int) -> Measured:
     """Return the photometric fit, widened: too few blocks could confirm it."""
     fit, reach = lead.fit, max(b.shape) / 2.0
     ridge = np.diag([1e-4, 1e-4, 1e-4 * reach**2, 1e-4 * reach**2])
-    base = np.linalg.inv(fit.information / (4.0 * CORRELATED_RESIDUALS) + ridge)
+    base = np.linalg.inv(fit.information / LARGEST_INFLATION + ridge)
     least = 0.005 * reach
     covariance = np.asarray(base + np.diag([least**2, least**2, 0.005**2, 0.005**2]), np.float64)
     floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]

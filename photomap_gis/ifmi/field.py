@@ -121,8 +121,8 @@ def fit_field(
             # The median of squares of a 2-D Gaussian is log 2 times its mean.
             scatter2 = max(float(np.median(left2)) / math.log(2.0) / freedom - noise, 1e-4)
             weight = 1.0 / ((noise2 + scatter2) * (1.0 + left2 / (6.0 * (scatter2 + noise2))))
-        H = np.einsum("nki,n,nkj->ij", B, weight, B) + prior
-        theta = theta + np.linalg.solve(H, np.einsum("nki,n,nk->i", B, weight, left) - prior @ theta)
+        BW = B.reshape(-1, 8).T * np.repeat(weight, 2)
+        theta = theta + np.linalg.solve(BW @ B.reshape(-1, 8) + prior, BW @ left.ravel() - prior @ theta)
         left = shifts - displacement(frame, points, theta)
         left2 = 0.5 * np.sum(left * left, axis=1)
     robust = 1.0 / (1.0 + left2 / (6.0 * (scatter2 + noise2)))
@@ -135,14 +135,14 @@ def basis(frame: Frame, points: FloatArray) -> FloatArray:
     """``(N, 2, 8)`` derivative of the displacement by theta at 0."""
     x, y = ((points - frame.centre) / frame.reach_px).T
     one, zero = np.ones_like(x), np.zeros_like(x)
-    along_x = [one, zero, -y, x, x, y, x * x, x * y]
-    along_y = [zero, one, x, y, -y, x, x * y, y * y]
-    return np.stack([np.stack(along_x, axis=1), np.stack(along_y, axis=1)], axis=1)
+    rows = [[one, zero, -y, x, x, y, x * x, x * y], [zero, one, x, y, -y, x, x * y, y * y]]
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def displacement(frame: Frame, points: FloatArray, theta: FloatArray) -> FloatArray:
     """``(N, 2)`` displacement by the homography whose derivative at zero is ``basis``."""
     p = points - frame.centre
-    linear = p + basis(frame, points)[:, :, :6] @ theta[:6]
-    depth = np.clip(1.0 - p @ theta[6:] / frame.reach_px**2, 0.2, 5.0)
-    return np.asarray(linear / depth[:, None] - p, np.float64)
+    t, r = theta, frame.reach_px
+    linear = np.array([[1.0 + (t[3] + t[4]) / r, (t[5] - t[2]) / r], [(t[2] + t[5]) / r, 1.0 + (t[3] - t[4]) / r]])
+    depth = np.clip(1.0 - p @ t[6:] / r**2, 0.2, 5.0)
+    return np.asarray((p @ linear.T + t[:2]) / depth[:, None] - p, np.float64)

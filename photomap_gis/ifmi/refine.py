@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.ifmi.kernels import Image32, sample
@@ -60,7 +61,7 @@ def _refine_floor(a: Floor, b: Floor, T_a_b: Similarity2D, steps: int) -> Fit:
     T = on_floor(T_a_b, b.factor)
     information, correlation, support = np.zeros((4, 4)), 0.0, 0.0
     for _ in range(steps):
-        seen, valid = look_up(a, T, t.x, t.y)
+        seen, valid = (v.ravel() for v in look_up(a, T, t.x, t.y))
         valid &= textured
         n = int(np.count_nonzero(valid))
         support = n / len(value)
@@ -69,8 +70,7 @@ def _refine_floor(a: Floor, b: Floor, T_a_b: Similarity2D, steps: int) -> Fit:
         weight = valid.astype(np.float32)
         gain = float(weight * seen @ value) / max(float(weight * value @ value), 1e-9)
         residual = seen - np.float32(max(gain, 0.05)) * value
-        scale = 1.4826 * float(np.median(np.abs(residual[valid]))) + 1e-6
-        weight /= 1.0 + (residual / np.float32(CAUCHY * scale)) ** 2
+        weight /= 1.0 + (residual / np.float32(CAUCHY * typical(residual, valid))) ** 2
         power_b, power_a = float(weight * value @ value), float(weight * seen @ seen)
         cross = float(weight * seen @ value)
         correlation = cross / math.sqrt(max(power_a * power_b, 1e-12))
@@ -96,18 +96,24 @@ def _refine_floor(a: Floor, b: Floor, T_a_b: Similarity2D, steps: int) -> Fit:
     return Fit(Similarity2D(T.tx * f, T.ty * f, T.angle_rad, T.log_scale), information, correlation, support)
 
 
-def look_up(a: Floor, T: Similarity2D, x: Image32, y: Image32) -> tuple[Image32, np.ndarray]:
-    """Return flat values of a at ``T`` of b's points, and whether they lie on it; ``T`` in the floors' pixels."""
+def typical(residual: Image32, valid: npt.NDArray[np.bool_]) -> float:
+    """Return the robust sigma of residuals; every fifth is enough to tell it."""
+    some = np.abs(residual.ravel()[::5][valid.ravel()[::5]])
+    return 1.4826 * float(np.median(some)) + 1e-6 if some.size else 1.0
+
+
+def look_up(a: Floor, T: Similarity2D, x: Image32, y: Image32) -> tuple[Image32, npt.NDArray[np.bool_]]:
+    """Return the values of a at ``T`` of b's points, and whether they lie on it; ``T`` in the floors' pixels."""
     m = T.matrix
     xa = np.float32(m[0, 0]) * x + np.float32(m[0, 1]) * y + np.float32(m[0, 2])
     ya = np.float32(m[1, 0]) * x + np.float32(m[1, 1]) * y + np.float32(m[1, 2])
     return look_up_at(a, xa, ya)
 
 
-def look_up_at(a: Floor, xa: Image32, ya: Image32) -> tuple[Image32, np.ndarray]:
-    """Return flat values of a at pixels, and whether they lie on it."""
+def look_up_at(a: Floor, xa: Image32, ya: Image32) -> tuple[Image32, npt.NDArray[np.bool_]]:
+    """Return the values of a at float maps of pixels, and whether they lie on it."""
     h, w = a.shape
     valid = (xa >= 1) & (xa <= w - 2) & (ya >= 1) & (ya <= h - 2)
     if a.mask is not None:
         valid &= sample(a.mask, xa, ya) > 250
-    return sample(a.values, xa, ya).ravel(), valid.ravel()
+    return sample(a.values, xa, ya), valid

@@ -24,7 +24,7 @@ from photomap_gis.ifmi.template import Template, make_template
 SPECTRAL_SIDE_PX = 320
 FINEST_SIDE_PX = 720
 SHIFT_TAPER = 0.2
-MEAN_RADIUS = 0.06
+MEAN_RADIUS = 0.04
 """Half side of the neighbourhood of the local mean, as a share of a floor's longer side."""
 GREY_FLOOR = 2.0
 """Local contrast below this many grey levels is not amplified: it is noise."""

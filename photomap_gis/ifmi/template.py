@@ -11,14 +11,16 @@ import numpy as np
 from photomap_gis.ifmi.kernels import Image32, Mask8
 
 POINTS = 12_000
+GRID = 6
+BLOCKS = GRID * GRID
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
     """The pixel of the steepest slope in every cell of a regular grid: detail, evenly spread over the frame.
 
-    All arrays are ``(rows, columns)`` of the grid: pixel ``x``, ``y``, the floor's ``value`` there, its slopes ``gx``,
-    ``gy`` (both 0 where the frame must not be used).
+    All arrays are ``(BLOCKS, n)``, the points block by block of a ``GRID`` by ``GRID`` division of the frame: pixel
+    ``x``, ``y``, the floor's ``value`` there, its slopes ``gx``, ``gy`` (both 0 where the frame must not be used).
     """
 
     x: Image32
@@ -32,7 +34,9 @@ def make_template(values: Image32, mask: Mask8 | None) -> Template:
     """Return the template of one floor's values."""
     h, w = values.shape
     cell = max(1, math.ceil(math.sqrt(h * w / POINTS)))
-    rows, columns = max(1, (h - 4) // cell), max(1, (w - 4) // cell)
+    rows, columns = (max(1, (side - 4) // cell // GRID) * GRID for side in (h, w))
+    if min(h - rows * cell, w - columns * cell) < 0:
+        raise ValueError(f"a floor of {values.shape} is too small for {GRID} by {GRID} blocks")
     top, left = (h - rows * cell) // 2, (w - columns * cell) // 2
     # The five-point derivative that is exact to fourth order: slopes of fine detail are not underestimated.
     kernel = np.array([1.0, -8.0, 0.0, 8.0, -1.0], np.float32) / 12.0
@@ -47,12 +51,16 @@ def make_template(values: Image32, mask: Mask8 | None) -> Template:
         inner = image[top : top + rows * cell, left : left + columns * cell]
         return inner.reshape(rows, cell, columns, cell).swapaxes(1, 2).reshape(rows, columns, cell * cell)
 
+    def by_block(grid: Image32) -> Image32:
+        split = grid.reshape(GRID, rows // GRID, GRID, columns // GRID).swapaxes(1, 2)
+        return np.ascontiguousarray(split.reshape(BLOCKS, -1), np.float32)
+
     slope = gx * gx + gy * gy
-    best = np.argmax(cells(slope), axis=2)[..., None]
+    best = np.argmax(cells(slope), axis=2)
 
     def pick(image: Image32) -> Image32:
-        return np.ascontiguousarray(np.take_along_axis(cells(image), best, axis=2)[..., 0])
+        return by_block(image[y, x])
 
-    x = (left + cell * np.arange(columns)[None, :] + best[..., 0] % cell).astype(np.float32)
-    y = (top + cell * np.arange(rows)[:, None] + best[..., 0] // cell).astype(np.float32)
-    return Template(x, y, pick(values), pick(gx), pick(gy))
+    x = left + cell * np.arange(columns)[None, :] + best % cell
+    y = top + cell * np.arange(rows)[:, None] + best // cell
+    return Template(by_block(x), by_block(y), pick(values), pick(gx), pick(gy))

@@ -13,7 +13,7 @@ from photomap_gis.ifmi import Prior, make_spectrum, register, register_images
 def ground(rng: np.random.Generator, side: int = 900) -> np.ndarray:
     """A procedural ground without repeats: blurred noise of many sizes, with patches of hard edges."""
     g = sum(
-        s**1.2 * cv2.GaussianBlur(rng.standard_normal((side, side)), (0, 0), s) * s for s in (1.0, 2.0, 4.0, 9.0, 20.0)
+        s**-0.4 * cv2.GaussianBlur(rng.standard_normal((side, side)), (0, 0), s) * s for s in (1.0, 2.0, 4.0, 9.0, 20.0)
     )
     for _ in range(120):
         x, y = rng.integers(0, side, 2)
