@@ -31,6 +31,8 @@ LOCAL_CRS_WKT = (
     'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
 )
 
+SIDE_SUFFIXES = (".aux.xml", ".ovr", ".msk")  # where GDAL and QGIS keep statistics, overviews and masks of a file
+
 _BLOCK_PX = 512
 _CACHE_BYTES = 96 << 20
 _STRIP_PX = 2048  # the map is copied in windows of this width and one block's height
@@ -65,7 +67,10 @@ def write_geotiff(
     tags = {"TIFFTAG_SOFTWARE": "photomap", "AREA_OR_POINT": "Area", **(metadata or {})}
     if grid.crs_wkt is None:
         tags |= {"GEOREFERENCE": NOT_GEOREFERENCED, "TIFFTAG_IMAGEDESCRIPTION": NOT_GEOREFERENCED}
-    with file_in_place_of(path, lambda p: check_cog(p, path)) as temporary, bounded_cache():
+    with (
+        file_in_place_of(path, lambda p: check_cog(p, path), side_suffixes=SIDE_SUFFIXES) as temporary,
+        bounded_cache(),
+    ):
         draft = temporary.with_name("draft.tif")
         profile = {
             "width": grid.width,

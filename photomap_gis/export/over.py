@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 from pyproj import CRS, Geod
+from rasterio.enums import ColorInterp
 from rasterio.errors import RasterioError
 from rasterio.windows import Window as RasterWindow
 from shapely.geometry import MultiPolygon
@@ -23,7 +24,7 @@ from photomap_gis.core.grid import Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.crs import bounds_in, needs_place, same_crs
 from photomap_gis.export.footprint import feature_collection, outline_of, to_wgs84, write_geojson
-from photomap_gis.export.geotiff import bounded_cache, check_cog, draft_dataset, draft_to_cog, strips
+from photomap_gis.export.geotiff import SIDE_SUFFIXES, bounded_cache, check_cog, draft_dataset, draft_to_cog, strips
 from photomap_gis.export.old_raster import (
     BandRoles,
     Radiometry,
@@ -42,6 +43,7 @@ from photomap_gis.export.warp import Resampler
 _SEEN_ALPHA = 128
 _OUTLINE_PX = 2048
 _BIG_DRAFT_BYTES = 2 << 30
+_RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 _STALE_TAGS = ("STATISTICS_", "OVR_RESAMPLING_ALG", "LAYOUT", "COMPRESSION", "INTERLEAVE")
 
 OnProgress = Callable[[int, int], None]
@@ -88,7 +90,7 @@ def write_over(
     needs_place(source.grid.crs_wkt, "replacing imagery")
     with open_old(old_path) as old, bounded_cache():
         overlay = _plan(source, old, feather_px)
-        with file_in_place_of(out_path, lambda p: _check(p, out_path, old)) as temporary:
+        with file_in_place_of(out_path, lambda p: _check(p, out_path, old), side_suffixes=SIDE_SUFFIXES) as temporary:
             draft = temporary.with_name("draft.tif")
             with draft_dataset(draft, _profile(old)) as out:
                 _copy_words(old, out, date, ce90_m)
@@ -168,7 +170,8 @@ def _preview(source: TileSource, grid: AffineGrid, window: Window) -> Rgba:
 def _profile(old: Any) -> dict[str, Any]:
     profile = {
         "width": old.width, "height": old.height, "count": old.count, "dtype": old.dtypes[0], "crs": old.crs,
-        "transform": old.transform, "nodata": old.nodata, "photometric": "RGB" if old.count >= 3 else "MINISBLACK",
+        "transform": old.transform, "nodata": old.nodata, "photometric": "RGB" if old.colorinterp[:3] == _RGB else "MINISBLACK",  # only so can others keep their roles
+   
     }  # fmt: skip
     if old.width * old.height * old.count * np.dtype(old.dtypes[0]).itemsize > _BIG_DRAFT_BYTES:
         profile |= {"compress": "ZSTD", "zstd_level": 1}  # the disk is dearer than the time

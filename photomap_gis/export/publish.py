@@ -26,11 +26,15 @@ _NO_SPACE = {errno.ENOSPC, errno.EDQUOT} if hasattr(errno, "EDQUOT") else {errno
 
 
 @contextlib.contextmanager
-def file_in_place_of(path: Path, check: Callable[[Path], None] | None = None) -> Iterator[Path]:
+def file_in_place_of(
+    path: Path, check: Callable[[Path], None] | None = None, *, side_suffixes: tuple[str, ...] = ()
+) -> Iterator[Path]:
     """Yield a name to write to; on leaving, sync it, ``check`` it, and move it to ``path``.
 
     The yielded file lies in a fresh scratch folder beside ``path``, so side files of a library may lie there too; all
     of it vanishes where anything fails. ``check`` re-opens the file and raises ``OutputError`` where it is not sound.
+    Files named like the output plus one of ``side_suffixes`` go with it: new ones are moved along, old ones removed,
+    since they describe what is no more.
     """
     if path.is_dir():
         raise OutputError(f"{path} is a folder: name a file for the output")
@@ -41,6 +45,12 @@ def file_in_place_of(path: Path, check: Callable[[Path], None] | None = None) ->
         if check is not None:
             check(temporary)
         _replace(temporary, path)
+        for suffix in side_suffixes:
+            side = temporary.with_name(f"{path.name}{suffix}")
+            if side.exists():
+                _replace(side, path.with_name(side.name))
+            else:
+                path.with_name(side.name).unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

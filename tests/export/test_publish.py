@@ -117,6 +117,15 @@ def test_gdal_error_on_a_nearly_full_disk_says_so(scene, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_side_files_of_an_older_map_go_with_it(scene, tmp_path):
+    (tmp_path / "map.tif").write_bytes(b"old")
+    for suffix in (".aux.xml", ".ovr"):
+        (tmp_path / f"map.tif{suffix}").write_text("statistics of the old map")
+    (tmp_path / "map.tif.txt").write_text("a note")
+    write_geotiff(scene.source(), tmp_path / "map.tif")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["map.tif", "map.tif.txt"]
+
+
 def test_a_stopped_run_leaves_the_old_file(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")
