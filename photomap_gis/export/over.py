@@ -169,10 +169,16 @@ def _preview(source: TileSource, grid: AffineGrid, window: Window) -> Rgba:
 
 def _profile(old: Any) -> dict[str, Any]:
     profile = {
-        "width": old.width, "height": old.height, "count": old.count, "dtype": old.dtypes[0], "crs": old.crs,
-        "transform": old.transform, "nodata": old.nodata, "photometric": "RGB" if old.colorinterp[:3] == _RGB else "MINISBLACK",  # only so can others keep their roles
-   
-    }  # fmt: skip
+        "width": old.width,
+        "height": old.height,
+        "count": old.count,
+        "dtype": old.dtypes[0],
+        "crs": old.crs,
+        "transform": old.transform,
+        "nodata": old.nodata,
+        # RGB would name the first three bands red, green, blue whatever they are.
+        "photometric": "RGB" if old.colorinterp[:3] == _RGB else "MINISBLACK",
+    }
     if old.width * old.height * old.count * np.dtype(old.dtypes[0]).itemsize > _BIG_DRAFT_BYTES:
         profile |= {"compress": "ZSTD", "zstd_level": 1}  # the disk is dearer than the time
     return profile
