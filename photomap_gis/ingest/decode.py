@@ -32,6 +32,8 @@ _MAX_PIXELS = 200_000_000
 _MIN_SEEK_FRAMES = 24
 """Fewer frames than this to the key frame before the wanted one are decoded rather than leapt over."""
 
+_LEADING_PACKETS = 60
+
 _SCALING = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
 """The scaler's fast path darkens by three levels."""
 
@@ -237,7 +239,7 @@ class _Reader:
                             self._at = number
                             yield number, frame
                 return
-            except FFmpegError:
+            except (FFmpegError, IndexError):
                 errors += 1
 
     def _needs(self, packet: Any) -> bool:
@@ -273,6 +275,9 @@ def _frame_index(path: str, size: int, mtime_ns: int) -> FrameIndex:
         stream = _video_stream(container, Path(path))
         rate = _sane_rate(float(stream.average_rate or stream.guessed_rate or 0)) or 25.0
         time_base_s = float(stream.time_base) if stream.time_base else 1.0 / rate
+        table = _index_of_table(container, stream, time_base_s)
+        if table is not None:
+            return table
         try:
             for packet in container.demux(stream):
                 if packet.size == 0 or packet.is_discard:
@@ -281,7 +286,7 @@ def _frame_index(path: str, size: int, mtime_ns: int) -> FrameIndex:
                 keys.append(bool(packet.is_keyframe))
                 if len(stamps) >= _MAX_PACKETS:
                     break
-        except FFmpegError as error:
+        except (FFmpegError, IndexError) as error:  # PyAV stumbles over streams that a damaged file begins midway
             logger.warning("%s: stops after %d packets (%s)", path, len(stamps), error)
     if not stamps:
         raise DataError(f"{path}: the video holds no frames; it was cut short, copy it again from the card")
@@ -292,6 +297,33 @@ def _frame_index(path: str, size: int, mtime_ns: int) -> FrameIndex:
         return FrameIndex(counted, 1.0 / rate, np.flatnonzero(keys), is_counted=True)
     is_key = np.array([k for k, s in zip(keys, stamps, strict=True) if s is not None], dtype=bool)[first]
     return FrameIndex(pts, time_base_s, np.flatnonzero(is_key))
+
+
+def _index_of_table(container: Any, stream: Any, time_base_s: float) -> FrameIndex | None:
+    """Return the index from an MP4's own table, without reading gigabytes of pictures; ``None`` where it can't be.
+
+    The table counts in order of decoding. Without frames out of order that is the order of presentation up to a
+    constant, which the first packets tell.
+    """
+    entries = stream.index_entries
+    if "mp4" not in container.format.name or len(entries) < _LEADING_PACKETS or stream.codec_context.has_b_frames:
+        return None
+    shifts = set()
+    try:
+        for count, packet in enumerate(container.demux(stream)):
+            if count >= _LEADING_PACKETS or packet.size == 0:
+                break
+            if packet.pts is None or packet.dts is None:
+                return None
+            shifts.add(packet.pts - packet.dts)
+    except (FFmpegError, IndexError):
+        return None
+    shown = [e for e in entries if not e.is_discard]
+    pts = np.array([e.timestamp for e in shown], dtype=np.int64)
+    if len(shifts) != 1 or len(pts) < 2 or not (np.diff(pts) > 0).all():
+        return None
+    is_key = np.array([e.is_keyframe for e in shown], dtype=bool)
+    return FrameIndex(pts + shifts.pop(), time_base_s, np.flatnonzero(is_key))
 
 
 def _opened(path: Path) -> Any:

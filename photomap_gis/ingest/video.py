@@ -30,6 +30,7 @@ from photomap_gis.ingest.splits import group_splits
 from photomap_gis.ingest.sync import Placed, place_frames
 from photomap_gis.ingest.telemetry import TRACK_SUFFIXES, Clock, Track, TrackPoint, read_track
 from photomap_gis.ingest.telemetry.media import find_embedded
+from photomap_gis.ingest.video_lenses import choose_videos
 
 __all__ = [
     "VideoInfo",
@@ -86,7 +87,13 @@ def video_footage(
     if forced is not None:
         ledger.warnings += forced.warnings
     done = 0
+    infos, unused = choose_videos(infos, options.lens)
+    ledger.warnings += unused
     recordings = group_splits(infos)
+    if forced is not None and forced.clock is Clock.VIDEO and len(recordings) > 1:
+        ledger.warnings.append(
+            f"{forced.source}: counts the seconds of one video, but there are {len(recordings)}; it is laid on each"
+        )
     unplaced: list[DataError] = []
     for recording in recordings:
         pieces = _pieces(recording, forced, options, ledger.warnings)
@@ -180,6 +187,7 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
     flight = len(ledger.flights)
     first = pieces[0].info
     shared = forced if forced is not None else pieces[0].track
+    failures: list[DataError] = []
     placements: list[tuple[_Piece, list[int], Placed | None, float | None]] = []
     for piece in pieces:
         # A file's own log counts from its first frame, one for the whole recording from the first file's.
@@ -187,9 +195,17 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
         track = piece.track if own else shared
         base_s = 0.0 if own else piece.base_s
         start_utc_s = piece.info.start_utc_s if own else first.start_utc_s
-        numbers, placed = _sample(piece, track, base_s, start_utc_s, options, ledger.warnings)
+        try:
+            numbers, placed = _sample(piece, track, base_s, start_utc_s, options, ledger.warnings)
+        except DataError as error:  # one piece may lie beyond the log; the others tell where the flight was
+            failures.append(error)
+            track = None
+            numbers, placed = _sample(piece, None, base_s, start_utc_s, options, ledger.warnings)
         began_s = _began_utc_s(piece, track, base_s, start_utc_s, ledger.warnings)
         placements.append((piece, numbers, placed, began_s))
+    if failures and all(placed is None for _, _, placed, _ in placements):
+        raise failures[0]
+    ledger.warnings += [str(f) for f in failures]
     if shared is None and all(p.track is None for p in pieces):
         ledger.warnings.append(
             f"{first.path.name}: no telemetry was found beside or inside this video, so its map has no place on Earth; "

@@ -24,7 +24,8 @@ def test_airdata(tmp_path: Path) -> None:
     header = (
         "time(millisecond),datetime(utc),latitude,longitude,height_above_takeoff(feet),"
         "height_above_ground_at_drone_location(feet),altitude_above_seaLevel(feet),speed(mph),"
-        " compass_heading(degrees), pitch(degrees), roll(degrees),isPhoto,isVideo,gimbal_heading(degrees),gimbal_pitch(degrees),message\n"
+        " compass_heading(degrees), pitch(degrees), roll(degrees),isPhoto,isVideo,"
+        "gimbal_heading(degrees),gimbal_pitch(degrees),message\n"
     )
     rows = "".join(
         f"{i * 100 + 40},2024-05-01 10:20:{30 + (i * 100 + 700) // 1000:02d},52.{100000 + i},9.6,"

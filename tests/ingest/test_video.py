@@ -10,9 +10,9 @@ import av
 import numpy as np
 import pytest
 
-from photomap_gis.core.errors import DataError
+from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.ingest.decode import frame_index, probe, read_video_frame, read_video_frames
-from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.ingest.options import IngestOptions, LensChoice
 from photomap_gis.ingest.sampling import choose_frames, sampling_rates
 from photomap_gis.ingest.telemetry.track import TrackPoint
 from photomap_gis.ingest.video import video_footage
@@ -322,3 +322,60 @@ def test_rates_follow_speed_over_height() -> None:
     # 84 m wide, 47 m high: 15 % of that at 8 m/s takes 0.89 s.
     np.testing.assert_allclose(rates, 8 / (0.15 * 2 * 60 * np.tan(np.radians(35)) * 9 / 16), rtol=0.02)
     assert (sampling_rates([None] * 60, times, hfov_rad=None, aspect=1.5) == 2.5).all()
+
+
+def test_a_piece_beyond_its_log_is_kept_without_fixes(tmp_path: Path) -> None:
+    for i in (1, 2):
+        make_video(tmp_path / f"DJI_000{i}.MP4", metadata={"creation_time": f"2024-05-01T12:20:{27 + 3 * i}.000000Z"})
+    (tmp_path / "DJI_0001.SRT").write_text(_srt(3))
+    footage = video_footage(sorted(tmp_path.glob("*.MP4")))
+    assert len(footage.flights) == 1
+    assert all((f.fix is not None) == ("DJI_0001" in f.source) for f in footage.frames[:-1] if f.pts_s != 0.0)
+    assert any("no moment in common" in w or "outside the track" in w for w in footage.warnings)
+
+
+def test_table_of_contents_and_packets_tell_the_same(tmp_path: Path) -> None:
+    plain = make_video(tmp_path / "plain.mp4", 150)  # the index comes from the table
+    fragments = make_video(tmp_path / "fragments.mp4", 150, movflags="frag_keyframe+empty_moov")  # from the packets
+    a, b = frame_index(plain), frame_index(fragments)
+    np.testing.assert_allclose(a.times_s, b.times_s, atol=1e-4)
+    assert a.keys.tolist() == b.keys.tolist() == [0, 30, 60, 90, 120]
+
+
+def test_the_cameras_of_one_drone(tmp_path: Path) -> None:
+    for name in ("DJI_20240501102030_0012_W", "DJI_20240501102030_0012_Z", "DJI_20240501102030_0012_T"):
+        make_video(tmp_path / f"{name}.MP4", 5)
+    paths = sorted(tmp_path.glob("*.MP4"))
+
+    def used(lens: LensChoice) -> list[str]:
+        return [f.name[-1] for f in video_footage(paths, IngestOptions(lens=lens)).flights]
+
+    assert used(LensChoice.WIDEST) == ["W"]
+    assert used(LensChoice.ZOOM) == ["Z"]
+    assert used(LensChoice.THERMAL) == ["T"]
+    assert sorted(used(LensChoice.ALL)) == ["T", "W", "Z"]
+    assert sum("--lens" in w for w in video_footage(paths).warnings) == 2
+    with pytest.raises(UsageError, match="thermal"):
+        video_footage(paths[1:], IngestOptions(lens=LensChoice.THERMAL))
+    assert [f.name[-1] for f in video_footage(paths[:1]).flights] == ["T"]  # what is there is used
+
+
+@pytest.mark.parametrize(("codec", "suffix"), [("libx265", "mp4"), ("mpeg4", "avi"), ("libvpx-vp9", "webm")])
+def test_other_codecs(tmp_path: Path, codec: str, suffix: str) -> None:
+    path = tmp_path / f"v.{suffix}"
+    try:
+        stream_options = {"x265-params": "log-level=none:bframes=3:keyint=20"} if codec == "libx265" else {}
+        with av.open(str(path), "w") as out:
+            stream = out.add_stream(codec, rate=30, options=stream_options)
+            stream.width, stream.height = SIZE
+            stream.pix_fmt = "yuv420p"
+            stream.bit_rate = 3_000_000
+            for i in range(50):
+                frame = av.VideoFrame.from_ndarray(_picture(i), format="yuv420p")
+                frame.pts, frame.time_base = i, Fraction(1, 30)
+                out.mux(stream.encode(frame))
+            out.mux(stream.encode())
+    except (ValueError, av.error.FFmpegError):
+        pytest.skip(f"this FFmpeg cannot write {codec}")
+    for n, image in read_video_frames(path, [0, 1, 19, 20, 33, 49]):
+        assert _number_seen(image) == pytest.approx(n, abs=1.0)

@@ -7,6 +7,7 @@ from typing import Any
 
 import av
 from av.error import FFmpegError
+from av.stream import Discard
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.options import SrtOrder
@@ -36,6 +37,9 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
             wanted = [s for s in container.streams if s.type in ("data", "subtitle")]
             if not wanted:
                 return None
+            for stream in container.streams:
+                if stream not in wanted:
+                    stream.discard = Discard.all  # an MP4 of gigabytes is leapt through for its few lines of text
             start_s = _start_s(video)
             pending = bytearray()
             for count, packet in enumerate(container.demux(wanted)):
@@ -56,7 +60,7 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
                         continue
                     klv += [(second, p) for p in found]
                     pending.clear()
-    except FFmpegError:
+    except (FFmpegError, IndexError):  # PyAV stumbles over streams that a damaged file begins midway
         if not klv and not subtitles:
             return None
     if klv:
