@@ -25,7 +25,7 @@ TIER_COST = 1000.0
 TAPER_SHARE = 0.15
 """How far inside the raster ``taper`` is 1, as a share of its shorter side."""
 
-WIDE_REACH = 0.2
+WIDE_REACH = 0.4
 """Low frequencies are shared by the frames whose cost is within this of the best (1: as far as a frame's corner)."""
 
 

@@ -64,12 +64,11 @@ class Flight:
         out = np.zeros(len(xy), dtype=bool)
         for p in self.placements:
             if p.status in (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY):
-                uv = p.camera_to_map.unproject(xy)
-                back = p.camera_to_map.project(uv)
+                outline, margin = p.outline_xy_map_m(), 5 * GSD_M
+                near = ((xy > outline.min(axis=0) - margin) & (xy < outline.max(axis=0) + margin)).all(axis=1)
+                uv = p.camera_to_map.unproject(xy[near])
                 with np.errstate(invalid="ignore"):
-                    unfolded = np.linalg.norm(back - xy, axis=1) < 0.5 * GSD_M
-                    inside = (np.abs(uv - p.centre_xy_px) <= np.array([p.width_px, p.height_px]) / 2).all(axis=1)
-                out |= inside & unfolded
+                    out[near] |= (np.abs(uv - p.centre_xy_px) <= np.array([p.width_px, p.height_px]) / 2).all(axis=1)
         return out.reshape(grid.height, grid.width)
 
 
