@@ -42,9 +42,7 @@ def contradicted_bridges(relative: RelativePoses, edges: EdgeTerms, positions: P
     worst: dict[int, tuple[float, int]] = {}
     for k in bridges(neighbours):
         a, b = int(edges.a[k]), int(edges.b[k])
-        sides = [
-            np.array([fixes[n] for n in _near(neighbours, start, k, fixes)], np.intp) for start in (a, b)
-        ]
+        sides = [np.array([fixes[n] for n in _near(neighbours, start, k, fixes)], np.intp) for start in (a, b)]
         doubt = max(_doubt(relative.t, positions, *sides), _doubt(relative.t, positions, *sides[::-1]))
         component = int(relative.labels[a])
         if doubt > max(CONTRADICTED_SIGMA, worst.get(component, (0.0, 0))[0]):

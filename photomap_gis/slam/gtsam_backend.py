@@ -27,26 +27,27 @@ from photomap_gis.slam.linear import (
 )
 from photomap_gis.slam.problem import Problem, State, Weights
 
-RELINEARISATIONS = 3
-"""How often the linear factors are renewed at most within one call."""
+ITERATIONS_A_LINEARISATION = 4
+"""After so many iterations the linear factors are renewed about the new poses."""
 
 
 def minimise(problem: Problem, weights: Weights, start: State, *, max_iterations: int = 20) -> State:
     """Return the state of least weighted squares that Levenberg-Marquardt reaches from ``start``."""
     edges = _edge_factors(problem, weights, start)
     state = start
-    for _ in range(RELINEARISATIONS):
+    left = max_iterations
+    while left > 0:
         graph = edges.clone()
         values = _values(state)
         _add_unary(graph, values, problem, weights, state)
         parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(max_iterations)
-        parameters.setRelativeErrorTol(1e-6)
+        parameters.setMaxIterations(min(left, ITERATIONS_A_LINEARISATION))
+        parameters.setRelativeErrorTol(1e-5)
         parameters.setlambdaInitial(1e-9)
-        parameters.setOrderingType("COLAMD")
         moved = _state(gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize(), problem)
+        left -= ITERATIONS_A_LINEARISATION
         # The linear factors are exact at the pose they were taken at: renew them while scales and angles still move.
-        settled = len(state.w) == 0 or float(np.abs(np.exp(moved.w - state.w) - 1.0).max()) < 1e-4
+        settled = not len(state.w) or float(np.abs(np.exp(moved.w - state.w) - 1.0).max()) < 1e-4
         state = moved
         if settled:
             break

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -22,7 +23,16 @@ from photomap_gis.slam.bridges import contradicted_bridges
 from photomap_gis.slam.components import IntArray, by_size, component_labels
 from photomap_gis.slam.initial import RelativePoses, relative_poses
 from photomap_gis.slam.linear import cost
-from photomap_gis.slam.problem import EdgeTerms, PositionTerms, Problem, ScalarTerms, State, Weights, edge_terms, position_terms
+from photomap_gis.slam.problem import (
+    EdgeTerms,
+    PositionTerms,
+    Problem,
+    ScalarTerms,
+    State,
+    Weights,
+    edge_terms,
+    position_terms,
+)
 from photomap_gis.slam.reweight import Minimise, RobustState, optimise
 from photomap_gis.slam.robust import REJECTED_BELOW
 
@@ -44,7 +54,7 @@ def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
     minimise = backend_named(backend)
     frames = np.array(sorted(set(graph.frames)), np.intp)
     node_of = {int(f): k for k, f in enumerate(frames)}
-    usable = np.array([k for k, e in enumerate(graph.edges) if _is_usable(e, node_of)], np.intp)
+    usable = _usable(graph.edges, node_of)
     edges = edge_terms([graph.edges[k] for k in usable], node_of)
     kept = np.ones(len(edges), bool)
     positions, _, _ = position_terms(graph.positions, node_of)
@@ -184,12 +194,14 @@ def _scalars(graph: PoseGraph, node_of: dict[int, int], labels: IntArray) -> tup
     return terms[0], terms[1]
 
 
-def _is_usable(edge: Edge, node_of: dict[int, int]) -> bool:
-    """Whether an edge ties two known frames by finite numbers."""
-    t = edge.T_a_b
-    numbers = np.array([t.tx, t.ty, t.angle_rad, t.log_scale, *np.ravel(edge.covariance)])
-    tied = edge.a != edge.b and edge.a in node_of and edge.b in node_of
-    return bool(tied and np.isfinite(numbers).all() and (np.diagonal(edge.covariance) > 0).all())
+def _usable(edges: Sequence[Edge], node_of: dict[int, int]) -> IntArray:
+    """Rows of the edges that tie two known frames by finite numbers."""
+    tied = np.array([k for k, e in enumerate(edges) if e.a != e.b and e.a in node_of and e.b in node_of], np.intp)
+    motions = [edges[k].T_a_b for k in tied]
+    numbers = np.array([(t.tx, t.ty, t.angle_rad, t.log_scale) for t in motions]).reshape(-1, 4)
+    covariances = np.array([edges[k].covariance for k in tied]).reshape(-1, 4, 4)
+    finite = np.isfinite(numbers).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+    return tied[finite & (np.diagonal(covariances, axis1=1, axis2=2) > 0).all(axis=1)]
 
 
 def _rows(edges: EdgeTerms, rows: IntArray) -> EdgeTerms:

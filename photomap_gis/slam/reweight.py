@@ -7,7 +7,7 @@ is put aside. The spread shrinks as the solution improves, which grades the reje
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,9 +21,11 @@ EDGE_LIMIT = 4.0
 POSITION_LIMIT = 3.5
 HEADING_LIMIT = 3.0
 """Sigmas (of the spread found) beyond which a term loses its weight."""
-MAX_ROUNDS = 12
-SETTLED = 0.02
-"""Weights that change by less than this have settled."""
+MAX_ROUNDS = 16
+ITERATIONS_A_ROUND = 2
+"""Weights and poses converge together: perfect poses for weights that will change are time lost."""
+SETTLED_PX = 0.2
+"""Poses that new weights move by less than this have settled: what is left to move is a tenth of it."""
 
 
 class Minimise(Protocol):
@@ -48,9 +50,12 @@ def optimise(problem: Problem, start: State, trust: Weights, minimise: Minimise)
     if not problem.n_nodes:
         return RobustState(start, trust, trust)
     redundancy = _redundancy(problem)
+    trust = replace(trust, positions=_first_trust(problem, start))
     state, effective = start, trust
-    for _ in range(MAX_ROUNDS):
-        state = minimise(problem, effective, state, max_iterations=15)
+    for round_ in range(MAX_ROUNDS):
+        last = state
+        state = minimise(problem, effective, state, max_iterations=ITERATIONS_A_ROUND)
+        moved_px = float((np.abs(state.t - last.t) / np.exp(state.w.real)).max())
         edges = squared_distances(edge_residuals(problem, state), problem.edges.information)
         fixes = squared_distances(position_residuals(problem, state), problem.positions.information)
         headings = (heading_residuals(problem, state) / problem.headings.sigma) ** 2
@@ -62,13 +67,18 @@ def optimise(problem: Problem, start: State, trust: Weights, minimise: Minimise)
             trust.scales,
             redescending(headings, HEADING_LIMIT),
         )
-        change = _change(trust, renewed)
         trust = renewed
-        before = effective
         effective = Weights(trust.edges / edge_spread**2, trust.positions / fix_spread**2, trust.scales, trust.headings)
-        if change < SETTLED and _change(before, effective) < SETTLED:
+        if round_ and moved_px < SETTLED_PX:
             break
     return RobustState(state, trust, effective)
+
+
+def _first_trust(problem: Problem, start: State) -> FloatArray:
+    """``(P,)`` trust in the fixes by how far they lie from the start, before any of them could bend it."""
+    residuals = position_residuals(problem, start)
+    squared = np.einsum("ni,ni->n", residuals, residuals) / problem.positions.sigma_m**2
+    return redescending(squared / _spread_by_flight(problem, squared) ** 2, POSITION_LIMIT)
 
 
 def _redundancy(problem: Problem) -> float:
@@ -85,9 +95,3 @@ def _spread_by_flight(problem: Problem, squared: FloatArray) -> FloatArray:
         if rows.sum() >= 8:
             out[rows] = spread(squared[rows], 2)
     return out
-
-
-def _change(a: Weights, b: Weights) -> float:
-    """Return the greatest change of a weight."""
-    pairs = ((a.edges, b.edges), (a.positions, b.positions), (a.headings, b.headings))
-    return max((float(np.abs(x - y).max()) for x, y in pairs if len(x)), default=0.0)
