@@ -25,6 +25,8 @@ SCATTER_SHARE = 0.5
 BEND_SHARE = 0.05
 """How much of the bend enters the motion's covariance: the field's form is not exactly the ground's (calibrated)."""
 LEAST_SIGMA_PX = 0.01
+OBVIOUS = 40.0
+"""Where tiles speak this clearly for the similarity, the bend need not be looked for before the blocks do."""
 FEWEST_BLOCKS = 6
 TILE_SIGMA_PX = 1.0
 
@@ -68,6 +70,8 @@ def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
     tiles = tile_pulses(floor_a, floor_b, fit.T_a_b.matrix)
     if tiles is None or len(tiles.near) < 2:
         return Lead(fit.T_a_b, None, tiles, fit, snr)
+    if tiles.summed_snr >= OBVIOUS and float(tiles.near.mean()) >= 0.6:
+        return Lead(fit.T_a_b, None, tiles, fit, snr)
     frame = Frame(*b.size_px)
     f = floor_b.factor
     back = np.linalg.inv(fit.T_a_b.linear)
@@ -85,11 +89,11 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     last = a.spectral + 1
     floors_a, floors_b = a.floors[:last][::-1], b.floors[:last][::-1]
     bend = (lambda p: np.zeros_like(p)) if lead.field is None else lead.field.displacement
-    motion = block_motion(floors_a, floors_b, lead.T_a_b, bend)
+    motion = block_motion(floors_a, floors_b, lead.T_a_b, bend, steps=3)
     field = _field_of(frame, motion)
     if field is not None:
         # Once more along the field found: blocks then differ from it by relief and noise only.
-        motion = block_motion(floors_a[-1:], floors_b[-1:], lead.T_a_b, field.displacement, steps=3)
+        motion = block_motion(floors_a[-1:], floors_b[-1:], lead.T_a_b, field.displacement, steps=2)
         field = _field_of(frame, motion)
     blocks = int(motion.visible.sum())
     if field is None:
