@@ -77,7 +77,7 @@ def map_flight(
     return MapSummary(
         mission=str(folder),
         map=str(folder / "map.tif"),
-        crs=solved.crs_name,
+        crs=solved.crs_name(settings.crs),
         georeferenced=solved.georeferenced,
         gsd_m_per_px=first.store.grid.pixel_size,
         area_m2=first.area if solved.georeferenced else None,

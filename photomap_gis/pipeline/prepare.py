@@ -91,7 +91,7 @@ def prepare_frames(
         _keep_working(mission, ref.index, work.grey, work.mask)
         return _Small(ref, work.grey, work.T_plane_work, None)
 
-    previous: tuple[int, ImageArray] | None = None
+    previous = _last_good(mission, frames, prepared)
     done = len(frames) - len(missing)
     for small in map_jobs(shrink, _contents(missing), workers=settings.workers):
         flight = small.ref.flight
@@ -107,6 +107,16 @@ def prepare_frames(
         done += 1
         on_progress("read", done, len(frames))
     return prepared
+
+
+def _last_good(
+    mission: Mission, frames: Sequence[FrameRef], prepared: Mapping[int, PreparedFrame]
+) -> tuple[int, ImageArray] | None:
+    """Return flight and working image of the newest usable frame of an earlier run: it judges the next one."""
+    for ref in reversed(frames):
+        if ref.index in prepared and prepared[ref.index].usable:
+            return ref.flight, _load_working(mission, ref.index)[0]
+    return None
 
 
 def read_pixels(mission: Mission, ref: FrameRef) -> ImageArray:

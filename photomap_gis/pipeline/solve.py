@@ -13,7 +13,7 @@ from photomap_gis.core.placement import FramePlacement, PlanePlacement
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.export.crs import crs_label
-from photomap_gis.georef import accuracy, observe, plane_view
+from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.slam import GraphBuilder, placements, solve
@@ -40,10 +40,15 @@ class Solved:
         """Whether the map has a place on Earth."""
         return self.map_frame.crs_wkt is not None
 
-    @property
-    def crs_name(self) -> str | None:
-        """The map's CRS as people write it, e.g. EPSG:32614; ``None`` for a relative map."""
-        return None if self.map_frame.crs_wkt is None else crs_label(self.map_frame.crs_wkt)
+    def crs_name(self, asked: str | None = None) -> str | None:
+        """Return the written map's CRS as people write it, e.g. EPSG:32614; ``None`` for a relative map.
+
+        The work is done in metres true to scale; a CRS that was ``asked`` for and is not (degrees, Mercator) is warped
+        to at the end.
+        """
+        if self.map_frame.crs_wkt is None:
+            return None
+        return crs_label(resolve_crs(asked) if asked else self.map_frame.crs_wkt)
 
     @property
     def segment_numbers(self) -> list[int]:
