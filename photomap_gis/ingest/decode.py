@@ -62,6 +62,7 @@ class VideoInfo:
     rotation_deg: int = 0
     has_klv: bool = False
     has_subtitles: bool = False
+    has_gopro_metadata: bool = False
     size_bytes: int = 0
 
 
@@ -116,6 +117,7 @@ def probe(path: Path) -> VideoInfo:
             rotation_deg=_rotation_deg(stream),
             has_klv="data" in kinds and container.format.name == "mpegts",
             has_subtitles="subtitle" in kinds,
+            has_gopro_metadata=any("GoPro MET" in s.metadata.get("handler_name", "") for s in container.streams),
             size_bytes=path.stat().st_size,
         )
 

@@ -6,6 +6,7 @@ But both lists tell the same story of intervals: shift one over the other until 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,10 +15,18 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 _TOLERANCE_S = 1.2
-"""Photo times have whole seconds in many cameras, and shutters lag."""
+"""Further apart, a photo and a shot do not belong together: shutters lag, and clocks drift a little."""
 
+_SIGMA_S = 0.4
+"""Photo times have whole seconds in many cameras: that is 0.29 s of rounding, and a little more for the shutter."""
+
+_COST_OF_NO_SHOT = 4.0
+_CLOCK_SLACK_S = 1.5
 _LEAST_MATCHED = 0.8
-_CLEARLY = 0.9
+_CLEAR_COST, _CLEAR_COST_PER_PHOTO = 12.0, 0.05
+"""How much dearer the next best offset must be: three shots that fit nothing, and what chance makes of many."""
+
+_CANDIDATES = 60
 _MAX_PAIRS = 4_000_000
 
 
@@ -53,22 +62,45 @@ def _spread(timed: list[int], matched: Sequence[int | None], count: int) -> list
 
 def _by_offset(photos: FloatArray, shots: FloatArray) -> list[int | None] | None:
     """Return the shot of each photo under the one offset that explains most; ``None`` where two do equally well."""
-    # Every pair votes for the offset that would join it.
-    votes = np.sort((photos[:, None] - shots[None, :]).ravel())
-    in_reach = np.searchsorted(votes, votes + 2 * _TOLERANCE_S, side="right") - np.arange(len(votes))
-    best_at = int(np.argmax(in_reach))
-    offset = float(np.median(votes[best_at : best_at + int(in_reach[best_at])]))
-    away = np.abs(votes - offset) > 3 * _TOLERANCE_S
-    best = _assign(photos, shots, offset)
+    tried = [_settled(photos, shots, offset) for offset in _candidates_s(photos, shots)]
+    (cost, offset, best), *others = sorted(tried, key=lambda t: t[0])
     count = sum(m is not None for m in best)
-    if count < _LEAST_MATCHED * min(len(photos), len(shots)) or count < 3:
+    if count < 3 or count < _LEAST_MATCHED * min(len(photos), len(shots)):
         return None
-    if away.any():
-        rival_at = int(np.argmax(np.where(away, in_reach, 0)))
-        rival = _assign(photos, shots, float(votes[rival_at]) + _TOLERANCE_S)
-        if sum(m is not None for m in rival) > _CLEARLY * count:
-            return None  # evenly spaced shots fit at every shift: the clocks must tell
-    return best
+    dear = cost + _CLEAR_COST + _CLEAR_COST_PER_PHOTO * len(photos)
+    rivals = [(o, matched) for c, o, matched in others if abs(o - offset) > 1.0 and c < dear]
+    if not rivals:
+        return best
+    # Evenly spaced shots fit at many shifts: then the clocks must tell, up to a time zone.
+    by_clock = [matched for o, matched in [(offset, best), *rivals] if abs(math.remainder(o, 900.0)) <= _CLOCK_SLACK_S]
+    return by_clock[0] if len(by_clock) == 1 else None
+
+
+def _candidates_s(photos: FloatArray, shots: FloatArray) -> list[float]:
+    """Return offsets that join many pairs, the best first, no two of them close."""
+    votes = np.sort((photos[:, None] - shots[None, :]).ravel())  # every pair votes for what would join it
+    width = 2.0 * _SIGMA_S
+    inside = np.searchsorted(votes, votes + width, side="right") - np.arange(len(votes))
+    found: list[float] = []
+    for i in np.argsort(-inside, kind="stable").tolist():
+        if all(abs(votes[i] + width / 2.0 - o) > width / 2.0 for o in found):
+            found.append(float(votes[i]) + width / 2.0)
+            if len(found) == _CANDIDATES:
+                break
+    return found
+
+
+def _settled(photos: FloatArray, shots: FloatArray, offset: float) -> tuple[float, float, list[int | None]]:
+    """Return (cost, offset, assignment) after moving an offset to the middle of what it joins."""
+    for _ in range(2):
+        joined = _assign(photos, shots, offset)
+        apart = np.array([p - shots[m] for p, m in zip(photos, joined, strict=True) if m is not None])
+        if len(apart):
+            offset = float(np.median(apart))
+    joined = _assign(photos, shots, offset)
+    apart = np.array([p - shots[m] - offset for p, m in zip(photos, joined, strict=True) if m is not None])
+    cost = float(np.minimum((apart / _SIGMA_S) ** 2, _COST_OF_NO_SHOT).sum())
+    return cost + _COST_OF_NO_SHOT * (len(photos) - len(apart)), offset, joined
 
 
 def _assign(photos: FloatArray, shots: FloatArray, offset: float) -> list[int | None]:

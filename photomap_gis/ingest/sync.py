@@ -55,14 +55,20 @@ class Placed:
 
 
 def place_frames(
-    times_s: Sequence[float | None], track: Track, *, start_utc_s: float | None, options: IngestOptions
+    times_s: Sequence[float | None],
+    track: Track,
+    *,
+    start_utc_s: float | None,
+    options: IngestOptions,
+    length_s: float | None = None,
 ) -> Placed:
     """Give frames their places on a track.
 
     ``times_s`` are seconds since the video's first frame, which was at ``start_utc_s`` by the camera's clock (``None``:
     unknown). For photos they are Unix seconds and ``start_utc_s`` is 0. Clocks of cameras stand in other time zones, so
     whole quarter hours are tried; ``options.track_offset_s`` overrides all search. For a camera whose start is unknown
-    that offset counts between the track's start and the video's. ``DataError`` where nothing overlaps.
+    that offset counts from the video's start to the track's, and so does the one that is returned. ``length_s`` is how
+    long the whole recording lasts where the frames are only a part of it. ``DataError`` where nothing overlaps.
     """
     if not track.points:
         return Placed((None,) * len(times_s), 0.0, track.clock, (f"{track.source}: holds no positions",))
@@ -75,21 +81,26 @@ def place_frames(
     if track.clock is Clock.VIDEO:
         track = _on_wall_clock(track)
     if start_utc_s is None or track.clock is Clock.BOOT:
-        return _place_by_starts(frames_s, track, start_utc_s or 0.0, forced, warnings)
+        _check_lengths(frames_s, track, length_s, forced, warnings)
+        # Photos tell Unix seconds; a video's seconds count from its beginning, also in a later piece of it.
+        first_s = float(np.nanmin(frames_s)) if start_utc_s == 0.0 and np.isfinite(frames_s).any() else 0.0
+        offset = forced or 0.0
+        return _placed(frames_s, track, first_s - track.points[0].time_s + offset, offset, warnings)
     camera_s = frames_s + start_utc_s
     if forced is not None:
         return _placed(camera_s, track, forced, forced, warnings)
-    offset = _quarter_hours(camera_s, track)
-    if offset is None:
-        if start_utc_s != 0.0 and _same_duration(frames_s, track):
-            return _place_by_starts(frames_s, track, start_utc_s, forced, warnings)
-        raise DataError(_no_overlap(camera_s, track))
-    if offset:
+    zone_s = _quarter_hours(camera_s, track)
+    if zone_s is None:
+        if start_utc_s == 0.0 or not _same_length(frames_s, track, length_s):
+            raise DataError(_no_overlap(camera_s, track))
+        _check_lengths(frames_s, track, length_s, forced, warnings)
+        zone_s = start_utc_s - track.points[0].time_s
+    elif zone_s:
         warnings.append(
-            f"{track.source}: the camera's clock is taken to be {offset / 3600.0:+g} h from the track's; "
+            f"{track.source}: the camera's clock is taken to be {zone_s / 3600.0:+g} h from the track's; "
             "--track-offset SECONDS sets it"
         )
-    return _placed(camera_s, track, offset, offset, warnings)
+    return _placed(camera_s, track, zone_s, zone_s, warnings)
 
 
 def place_photos(times_s: Sequence[float | None], track: Track, *, options: IngestOptions) -> Placed:
@@ -107,7 +118,11 @@ def place_photos(times_s: Sequence[float | None], track: Track, *, options: Inge
             f"{track.source}: the photos tell no time and the log holds no equal number of shots; "
             "give photos with EXIF times"
         )
-    return place_frames(times_s, track, start_utc_s=0.0, options=options)
+    placed = place_frames(times_s, track, start_utc_s=0.0, options=options)
+    if track.triggers and options.track_offset_s is None:
+        said = f"{track.source}: the photos' intervals do not clearly fit the log's shots, so the clocks are believed"
+        placed = replace(placed, warnings=(*placed.warnings, said))
+    return placed
 
 
 def _placed_by_shots(times_s: Sequence[float | None], track: Track, matched: list[int | None]) -> Placed:
@@ -161,25 +176,22 @@ def _on_wall_clock(track: Track) -> Track:
     )
 
 
-def _place_by_starts(
-    frames_s: np.ndarray, track: Track, start_s: float, forced: float | None, warnings: list[str]
-) -> Placed:
-    """Lay the beginning of the frames on the beginning of the track; the last resort, said aloud."""
-    first = float(np.nanmin(frames_s)) if np.isfinite(frames_s).any() else 0.0
-    begin = track.points[0].time_s
-    if forced is None:
-        if not _same_duration(frames_s, track):
-            raise DataError(
-                f"{track.source}: its clock and the camera's have nothing in common, and the track lasts "
-                f"{_length_s(track):.0f} s but the frames {np.nanmax(frames_s) - first:.0f} s; tell how many seconds "
-                "after the first frame the track begins (negative: before it) by --track-offset SECONDS"
-            )
-        warnings.append(
-            f"{track.source}: its clock and the camera's have nothing in common; both are taken to begin together "
-            "(they last equally long); --track-offset SECONDS moves the track"
+def _check_lengths(
+    frames_s: np.ndarray, track: Track, length_s: float | None, forced: float | None, warnings: list[str]
+) -> None:
+    """Let track and recording begin together where they last equally long, the last resort, and say so."""
+    if forced is not None:
+        return
+    if not _same_length(frames_s, track, length_s):
+        raise DataError(
+            f"{track.source}: its clock and the camera's have nothing in common, and the track lasts "
+            f"{_length_s(track):.0f} s but the frames {_frames_length_s(frames_s, length_s):.0f} s; tell how many "
+            "seconds after the first frame the track begins (negative: before it) by --track-offset SECONDS"
         )
-    offset = first - begin + (forced or 0.0)
-    return _placed(frames_s, track, offset, start_s + offset, warnings)
+    warnings.append(
+        f"{track.source}: its clock and the camera's have nothing in common; both are taken to begin together "
+        "(they last equally long); --track-offset SECONDS moves the track"
+    )
 
 
 def _placed(camera_s: np.ndarray, track: Track, offset: float, reported: float, warnings: list[str]) -> Placed:
@@ -227,11 +239,15 @@ def _length_s(track: Track) -> float:
     return track.points[-1].time_s - track.points[0].time_s
 
 
-def _same_duration(frames_s: np.ndarray, track: Track) -> bool:
-    if not np.isfinite(frames_s).any():
-        return False
-    length = float(np.nanmax(frames_s) - np.nanmin(frames_s))
-    return abs(length - _length_s(track)) <= max(_SAME_DURATION_S, _SAME_DURATION_REL * length)
+def _frames_length_s(frames_s: np.ndarray, length_s: float | None) -> float:
+    if length_s is not None:
+        return length_s
+    return float(np.nanmax(frames_s) - np.nanmin(frames_s)) if np.isfinite(frames_s).any() else 0.0
+
+
+def _same_length(frames_s: np.ndarray, track: Track, length_s: float | None) -> bool:
+    frames = _frames_length_s(frames_s, length_s)
+    return abs(frames - _length_s(track)) <= max(_SAME_DURATION_S, _SAME_DURATION_REL * frames)
 
 
 def _no_overlap(camera_s: np.ndarray, track: Track) -> str:

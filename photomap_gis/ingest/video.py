@@ -60,6 +60,31 @@ class _Piece:
     track: Track | None
 
 
+@dataclass(frozen=True, slots=True)
+class _Clocks:
+    """How one file's frames meet a track: what to add to their seconds, and when the camera says that zero was.
+
+    ``length_s`` is how long lasts what the track accompanied, the file or the whole recording.
+    """
+
+    track: Track | None
+    base_s: float
+    start_utc_s: float | None
+    length_s: float
+
+    def place(self, times_s: Sequence[float], options: IngestOptions) -> Placed | None:
+        """Place moments given in seconds since the file's first frame."""
+        if self.track is None or not self.track.points:
+            return None
+        return place_frames(
+            [self.base_s + t for t in times_s],
+            self.track,
+            start_utc_s=self.start_utc_s,
+            options=options,
+            length_s=self.length_s,
+        )
+
+
 @dataclass(slots=True)
 class _Ledger:
     """What is collected while the recordings are gone through."""
@@ -127,7 +152,7 @@ def find_track(info: VideoInfo, options: IngestOptions, warnings: list[str]) -> 
         warnings += track.warnings
         if track.points:
             return track
-    if info.has_klv or info.has_subtitles:
+    if info.has_klv or info.has_subtitles or info.has_gopro_metadata:
         embedded = find_embedded(info.path, order=options.srt_order)
         if embedded is not None:
             warnings += embedded.warnings
@@ -189,19 +214,22 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
     shared = forced if forced is not None else pieces[0].track
     failures: list[DataError] = []
     placements: list[tuple[_Piece, list[int], Placed | None, float | None]] = []
+    length_s = sum(float(p.index.times_s[-1]) for p in pieces)
     for piece in pieces:
         # A file's own log counts from its first frame, one for the whole recording from the first file's.
         own = forced is None and piece.track is not None
-        track = piece.track if own else shared
-        base_s = 0.0 if own else piece.base_s
-        start_utc_s = piece.info.start_utc_s if own else first.start_utc_s
+        if own:
+            clocks = _Clocks(piece.track, 0.0, piece.info.start_utc_s, float(piece.index.times_s[-1]))
+        else:
+            clocks = _Clocks(shared, piece.base_s, first.start_utc_s, length_s)
         try:
-            numbers, placed = _sample(piece, track, base_s, start_utc_s, options, ledger.warnings)
+            numbers, placed = _sample(piece, clocks, options)
         except DataError as error:  # one piece may lie beyond the log; the others tell where the flight was
             failures.append(error)
-            track = None
-            numbers, placed = _sample(piece, None, base_s, start_utc_s, options, ledger.warnings)
-        began_s = _began_utc_s(piece, track, base_s, start_utc_s, ledger.warnings)
+            numbers, placed = _sample(piece, replace(clocks, track=None), options)
+        if placed is not None:
+            ledger.warnings += placed.warnings
+        began_s = _began_utc_s(piece, numbers, placed, clocks, ledger.warnings)
         placements.append((piece, numbers, placed, began_s))
     if failures and all(placed is None for _, _, placed, _ in placements):
         raise failures[0]
@@ -231,34 +259,23 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
     )
 
 
-def _sample(
-    piece: _Piece,
-    track: Track | None,
-    base_s: float,
-    start_utc_s: float | None,
-    options: IngestOptions,
-    warnings: list[str],
-) -> tuple[list[int], Placed | None]:
+def _sample(piece: _Piece, clocks: _Clocks, options: IngestOptions) -> tuple[list[int], Placed | None]:
     """Choose the frames of one file and place them."""
     times_s = piece.index.times_s
-    if track is None or not track.points:
-        rate = options.frame_rate_hz or DEFAULT_RATE_HZ
-        return choose_frames(times_s, rate), None
-    rates = np.asarray(options.frame_rate_hz) if options.frame_rate_hz else None
-    if rates is None:
-        rates = _rates(piece, track, base_s, start_utc_s, options)
-    numbers = choose_frames(times_s, np.broadcast_to(rates, times_s.shape))
-    at_s = [base_s + t for t in times_s[numbers].tolist()]
-    placed = place_frames(at_s, track, start_utc_s=start_utc_s, options=options)
-    warnings += placed.warnings
-    return numbers, placed
+    if options.frame_rate_hz is not None:
+        numbers = choose_frames(times_s, options.frame_rate_hz)
+    else:
+        numbers = choose_frames(times_s, _rates_hz(piece, clocks, options))
+    return numbers, clocks.place(times_s[numbers].tolist(), options)
 
 
-def _rates(piece: _Piece, track: Track, base_s: float, start_utc_s: float | None, options: IngestOptions) -> np.ndarray:
+def _rates_hz(piece: _Piece, clocks: _Clocks, options: IngestOptions) -> np.ndarray | float:
     """``(N,)`` sampling rate at every frame of a file."""
     times_s = piece.index.times_s
     plan_s = np.arange(0.0, float(times_s[-1]) + _PLAN_STEP_S, _PLAN_STEP_S)
-    plan = place_frames((plan_s + base_s).tolist(), track, start_utc_s=start_utc_s, options=options)
+    plan = clocks.place(plan_s.tolist(), options)
+    if plan is None:
+        return DEFAULT_RATE_HZ
     camera = _camera_of(piece.info, _median_focal_35mm(plan.points), options)
     aspect = piece.info.width_px / piece.info.height_px
     rates = sampling_rates(plan.points, plan_s, hfov_rad=camera.hfov_rad, aspect=aspect)
@@ -266,16 +283,22 @@ def _rates(piece: _Piece, track: Track, base_s: float, start_utc_s: float | None
 
 
 def _began_utc_s(
-    piece: _Piece, track: Track | None, base_s: float, start_utc_s: float | None, warnings: list[str]
+    piece: _Piece, numbers: Sequence[int], placed: Placed | None, clocks: _Clocks, warnings: list[str]
 ) -> float | None:
-    """Return the Unix time of a file's first frame, as well as it is known."""
+    """Return the Unix time of a file's first frame, as well as it is known: by a receiver's clock before a camera's."""
+    track = clocks.track
+    if placed is not None and placed.clock is Clock.UTC:
+        times_s = piece.index.times_s
+        began = [p.time_s - float(times_s[n]) for n, p in zip(numbers, placed.points, strict=True) if p is not None]
+        if began:
+            return median(began)
     if track is not None and track.clock is Clock.VIDEO and track.epoch_utc_s is not None:
-        return track.epoch_utc_s + base_s
-    if start_utc_s is not None:
-        return start_utc_s + base_s
+        return track.epoch_utc_s + clocks.base_s
+    if clocks.start_utc_s is not None:
+        return clocks.start_utc_s + clocks.base_s
     if track is not None and track.clock is Clock.VIDEO and track.epoch_local_s is not None:
         warnings.append(f"{piece.info.path.name}: its times are local without a zone; they are taken for UTC")
-        return track.epoch_local_s + base_s
+        return track.epoch_local_s + clocks.base_s
     return None
 
 
@@ -296,8 +319,6 @@ def _frames(
     for i, (number, point, fix) in enumerate(zip(numbers, points, fixes, strict=True)):
         pts_s = float(times_s[number])
         time_s = None if began_s is None else began_s + pts_s
-        if point is not None and placed is not None and placed.clock is Clock.UTC:
-            time_s = point.time_s  # a receiver's time, not a camera's
         frames.append(
             FrameRef(
                 index=first_index + i,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import Attitude
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.sync import interpolate, place_frames, place_photos
+from photomap_gis.ingest.telemetry import read_track
 from photomap_gis.ingest.telemetry.track import Clock, Track, TrackPoint, Trigger
 
 T0 = 1_714_558_830.0
@@ -188,6 +191,9 @@ def test_unknown_start_of_equal_length() -> None:
     placed = place_frames(np.arange(0.0, 99.0).tolist(), track, start_utc_s=None, options=OPTIONS)
     np.testing.assert_allclose(_north_m(list(placed.points))[[0, 50]], [0, 500], atol=1e-2)
     assert "begin together" in placed.warnings[0]
+    assert placed.offset_s == 0.0
+    second_piece = place_frames([60.0], track, start_utc_s=None, options=OPTIONS, length_s=100.0)
+    np.testing.assert_allclose(_north_m(list(second_piece.points)), [600], atol=1e-2)
     moved = place_frames([0.0], track, start_utc_s=None, options=IngestOptions(track_offset_s=-7.0))
     np.testing.assert_allclose(_north_m(list(moved.points)), [70.0], atol=1e-2)
 
@@ -236,11 +242,18 @@ def test_photos_meet_their_shots(rng: np.random.Generator, off_s: float) -> None
 
 def test_even_spacing_is_not_taken_for_evidence() -> None:
     line = _line(200, start_s=T0, clock=Clock.UTC)
-    triggers = tuple(Trigger(T0 + 10 + 2.0 * i, i, 52.0, 9.6) for i in range(60))
+    triggers = tuple(
+        Trigger(T0 + 10 + 2.0 * i, i, 52.0 + 10 * (10 + 2.0 * i) / M_PER_DEG, 9.6, height_m=7.0) for i in range(60)
+    )
     track = Track(line.points, Clock.UTC, "even.bin", triggers=triggers)
-    photos = [T0 + 20 + 2.0 * i for i in range(40)]
-    placed = place_photos(photos, track, options=OPTIONS)
-    np.testing.assert_allclose(_north_m(list(placed.points)), [10 * (p - T0) for p in photos], atol=1e-2)
+    for late_s, by_shot in ((0.0, True), (0.3, True), (3600.2, True), (7.0, False)):
+        photos = [T0 + 20 + 2.0 * i + late_s for i in range(40)]
+        placed = place_photos(photos, track, options=OPTIONS)
+        assert (placed.heights_m[0] == 7.0) == by_shot
+        assert any("believed" in w for w in placed.warnings) != by_shot
+        if by_shot:
+            north = [10 * (20 + 2.0 * i) for i in range(40)]
+            np.testing.assert_allclose(_north_m(list(placed.points)), north, atol=1e-2)
 
 
 def test_photos_without_times_take_shots_in_order(rng: np.random.Generator) -> None:
@@ -250,6 +263,21 @@ def test_photos_without_times_take_shots_in_order(rng: np.random.Generator) -> N
     assert "by their order" in placed.warnings[0]
     with pytest.raises(DataError, match="no time"):
         place_photos([None] * 59, track, options=OPTIONS)
+
+
+@pytest.mark.parametrize("suffix", ["tlog", "BIN"])
+def test_photos_of_the_real_survey(shared_data: Path, suffix: str) -> None:
+    """121 photos stamped to whole seconds by a clock that is 3 h and 37 s off, five of them lost."""
+    folder = shared_data / "flightlogs"
+    shots = json.loads((folder / "copter_survey_shots.json").read_text())["allshots"]
+    kept = [s for i, s in enumerate(shots) if i not in (3, 50, 51, 52, 120)]
+    photos = [math.floor(s[1] / 1e6 + 3 * 3600 + 37) for s in kept]
+    placed = place_photos(photos, read_track(folder / f"copter_survey.{suffix}"), options=OPTIONS)
+    assert placed.offset_s == pytest.approx(3 * 3600 + 37, abs=1.0)
+    for shot, fix, height in zip(kept, placed.fixes, placed.heights_m, strict=True):
+        assert fix is not None
+        assert (fix.lat_deg, fix.lon_deg) == pytest.approx((shot[2] / 1e7, shot[3] / 1e7), abs=1e-9)
+        assert height == pytest.approx(shot[5], abs=0.02)
 
 
 def test_photos_beside_a_video_log(rng: np.random.Generator) -> None:

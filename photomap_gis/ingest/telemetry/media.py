@@ -1,4 +1,4 @@
-"""Telemetry inside video files: MISB KLV in transport streams, DJI's subtitles in MP4."""
+"""Telemetry inside video files: MISB KLV in transport streams, DJI's subtitles and GoPro's metadata in MP4."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from av.stream import Discard
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.options import SrtOrder
+from photomap_gis.ingest.telemetry.gpmf import track_of_gpmf
 from photomap_gis.ingest.telemetry.klv import UAS_KEY, KlvPacket, packets_of, track_of_packets
 from photomap_gis.ingest.telemetry.srt import track_of_entries
 from photomap_gis.ingest.telemetry.track import Track
@@ -31,6 +32,7 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
     """Return the track embedded in a video, ``None`` where there is none: data that is not telemetry is no error."""
     klv: list[tuple[float | None, KlvPacket | None]] = []
     subtitles: list[tuple[float | None, str]] = []
+    gopro: list[tuple[float, float, bytes]] = []
     try:
         with av.open(str(path), metadata_errors="ignore") as container:
             video = next(iter(container.streams.video), None)
@@ -52,6 +54,9 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
                 if packet.stream.type == "subtitle":
                     if len(data) <= _MAX_SUBTITLE_BYTES:
                         subtitles.append((second, _mov_text(data)))
+                elif data.startswith(b"DEVC"):
+                    duration_s = float((packet.duration or 0) * packet.time_base) or 1.0
+                    gopro.append((second or 0.0, duration_s, data))
                 elif UAS_KEY in data or pending:
                     # A packet may be split over several; asynchronous ones carry no time stamp.
                     pending += data
@@ -61,13 +66,17 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
                     klv += [(second, p) for p in found]
                     pending.clear()
     except (FFmpegError, IndexError):  # PyAV stumbles over streams that a damaged file begins midway
-        if not klv and not subtitles:
+        if not klv and not subtitles and not gopro:
             return None
     if klv:
         try:
             return track_of_packets(klv, str(path))
         except DataError:
             pass
+    if gopro:
+        track = track_of_gpmf(gopro, str(path))
+        if track.points:
+            return track
     if subtitles:
         track = track_of_entries(subtitles, str(path), order=order)
         return track if track.points else None

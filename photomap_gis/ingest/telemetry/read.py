@@ -64,6 +64,8 @@ def _read(path: Path, head: bytes, srt_order: SrtOrder) -> Track:
             return srt.read_srt(path, order=srt_order)
         if table.looks_like_table(text):
             return table.read_table(path)
+    if path.name.lower().startswith("djiflightrecord"):
+        raise DataError(f"{path}: DJI's flight records are encrypted; export this one as CSV, by Airdata for example")
     reader = {".tlog": tlog.read_tlog, ".gpx": gpx.read_gpx, ".csv": table.read_table}.get(suffix)
     if reader is not None:
         return reader(path)
