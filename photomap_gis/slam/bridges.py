@@ -89,7 +89,8 @@ def bridges(neighbours: list[list[tuple[int, int]]]) -> list[int]:
 
 def _near(neighbours: list[list[tuple[int, int]]], start: int, barred: int, fixes: dict[int, int]) -> list[int]:
     """Return up to ``REACH`` nodes with a fix, breadth first from ``start``, never over the barred edge."""
-    seen, queue, out = {start}, deque([start]), []
+    seen, queue = {start}, deque([start])
+    out: list[int] = []
     while queue and len(out) < REACH:
         node = queue.popleft()
         if node in fixes:

@@ -223,13 +223,13 @@ def position_terms(
     shared = np.array([o.correlated_sigma_m**2 if d >= 0 else 0.0 for o, d in zip(kept, drift, strict=True)])
     flights = sorted({o.flight for o in kept if o.bias_sigma_m > 0.0})
     bias_of = {flight: k for k, flight in enumerate(flights)}
-    sigmas = [float(np.median([o.bias_sigma_m for o in kept if o.flight == f])) for f in flights]
+    sigmas = [float(np.median([o.bias_sigma_m for o in kept if o.flight == f and o.bias_sigma_m > 0])) for f in flights]
     terms = PositionTerms(
         np.array([node_of[o.frame] for o in kept], np.intp),
         np.array([complex(*o.xy_map_m) for o in kept], complex),
         _inverse_spd(covariance - shared[:, None, None] * np.eye(2), floor=MIN_WHITE_SIGMA_M**2),
         np.array(drift, np.intp),
-        np.array([bias_of.get(o.flight, -1) for o in kept], np.intp),
+        np.array([bias_of[o.flight] if o.bias_sigma_m > 0.0 else -1 for o in kept], np.intp),
         np.array([o.flight for o in kept], np.intp),
         np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0),
     )
