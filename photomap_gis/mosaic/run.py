@@ -38,7 +38,7 @@ RECIPE = "1"
 """Changes whenever the same placements would give other pixels: tiles of an older recipe are rendered anew."""
 
 _EXPOSURE_FILE = "exposure.json"
-_TILE_WORK_BYTES = 40 << 20
+_TILE_WORK_BYTES = 80 << 20  # arrays of a tile, and what the allocator keeps of them for each thread
 _LOW_BAND_BYTES = 48 << 20
 
 
