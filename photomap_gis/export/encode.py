@@ -39,7 +39,8 @@ class TileFormat(StrEnum):
 
 
 _PARAMETERS = {
-    TileFormat.PNG: [],  # cv2's default (run lengths, difference filter): on photos half the time of zlib's level 3
+    # Measured on photos: a tenth of the time of level 9 with all filters, for a tenth more bytes.
+    TileFormat.PNG: [cv2.IMWRITE_PNG_COMPRESSION, 3, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG],
     TileFormat.JPG: [cv2.IMWRITE_JPEG_QUALITY, 88],
 }
 

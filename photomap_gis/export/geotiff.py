@@ -140,6 +140,8 @@ def draft_to_cog(draft: Path, cog: Path, *, compression: str) -> None:
     }
     if compression in ("DEFLATE", "ZSTD", "LZW"):
         options["PREDICTOR"] = "YES"
+    if compression in ("DEFLATE", "ZSTD"):
+        options["LEVEL"] = "3"  # measured on photos: half the time of level 6 for 7 % more bytes
     if compression in ("WEBP", "JPEG"):
         options["QUALITY"] = "88"
     rasterio.shutil.copy(str(draft), str(cog), driver="COG", **options)

@@ -59,18 +59,23 @@ def scene_rgba(width: int = 420, height: int = 380) -> np.ndarray:
 def find_landmarks(rgba: np.ndarray) -> dict[tuple[int, int, int], np.ndarray]:
     """``(2,)`` pixel-centre position of each disc: the centroid, weighted by how much of its colour a pixel has."""
     found = {}
-    y, x = np.mgrid[: rgba.shape[0], : rgba.shape[1]]
+    rgb = rgba[..., :3].astype(np.int16)
     for colour in LANDMARKS:
-        away = np.array(colour) - BACKGROUND
-        share = (rgba[..., :3].astype(float) - BACKGROUND) @ away / (away @ away)
-        rest = np.linalg.norm(rgba[..., :3] - BACKGROUND - share[..., None] * away, axis=-1)
-        weight = np.where((rgba[..., 3] > 128) & (rest < 45), share.clip(0, 1), 0.0)
-        # only the largest patch: the rims of other discs can look alike
-        count, label, stats, _ = cv2.connectedComponentsWithStats((weight > 0.5).astype(np.uint8))
+        # its core is found by colour alone, the largest patch only: the rims of other discs can look alike
+        core = (np.abs(rgb - np.array(colour, np.int16)).max(axis=-1) < 40) & (rgba[..., 3] > 128)
+        count, _, stats, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
         assert count > 1, f"landmark {colour} is missing"
-        patch = (label == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
-        weight = np.where(cv2.dilate(patch, np.ones((5, 5))) > 0, weight, 0.0)
-        found[colour] = np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+        left, top, width, height, _ = stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))]
+        margin = 3 + width // 4
+        y0, x0 = max(0, top - margin), max(0, left - margin)
+        near = (slice(y0, top + height + margin), slice(x0, left + width + margin))
+        away = np.array(colour) - BACKGROUND
+        share = (rgb[near] - BACKGROUND) @ away / (away @ away)
+        rest = np.linalg.norm(rgb[near] - BACKGROUND - share[..., None] * away, axis=-1)
+        weight = np.where((rgba[near][..., 3] > 128) & (rest < 45), share.clip(0, 1), 0.0)
+        weight[weight < 0.04] = 0.0  # noise of compression
+        y, x = np.mgrid[: weight.shape[0], : weight.shape[1]]
+        found[colour] = np.array([(weight * x).sum() / weight.sum() + x0, (weight * y).sum() / weight.sum() + y0])
     return found
 
 
@@ -96,11 +101,18 @@ def make_source(
     return ArraySource(rgba, MapGrid(wkt, west, north, pixel_size, rgba.shape[1], rgba.shape[0]))
 
 
+def make_small() -> ArraySource:
+    """A few pixels, for tests that are about files and not about what they show."""
+    rgba = np.full((40, 50, 4), (96, 110, 84, 255), np.uint8)
+    return ArraySource(rgba, MapGrid(CRS.from_epsg(32633).to_wkt(), 391_000.0, 5_820_000.0, 0.25, 50, 40))
+
+
 @pytest.fixture
 def scene() -> SimpleNamespace:
     """The scene's makers and measures."""
     return SimpleNamespace(
         source=make_source,
+        small=make_small,
         of_array=ArraySource,
         find=find_landmarks,
         errors_px=landmark_errors_px,

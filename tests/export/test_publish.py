@@ -41,20 +41,20 @@ def left_over(folder):
 def test_missing_folder(writer, scene, tmp_path):
     name, write = writer
     with pytest.raises(OutputError, match="does not exist; create it"):
-        write(scene.source(), tmp_path / "nowhere" / name)
+        write(scene.small(), tmp_path / "nowhere" / name)
 
 
 def test_nothing_is_left_beside_the_output(writer, scene, tmp_path):
     name, write = writer
-    write(scene.source(), tmp_path / name)
+    write(scene.small(), tmp_path / name)
     assert (tmp_path / name).exists()
     assert left_over(tmp_path) == []
 
 
 def test_output_can_be_replaced(writer, scene, tmp_path):
     name, write = writer
-    write(scene.source(), tmp_path / name)
-    write(scene.source(), tmp_path / name)
+    write(scene.small(), tmp_path / name)
+    write(scene.small(), tmp_path / name)
     assert left_over(tmp_path) == []
 
 
@@ -69,7 +69,7 @@ def test_failing_disk(writer, scene, tmp_path, monkeypatch, code, words):
     monkeypatch.setattr(publish, "_sync", raising(code))
     monkeypatch.setattr(publish, "_sync_folder", raising(code))
     with pytest.raises(OutputError, match=words) as caught:
-        write(scene.source(), tmp_path / name)
+        write(scene.small(), tmp_path / name)
     assert "\n" not in str(caught.value)
     assert left_over(tmp_path) == []
     if (tmp_path / name).suffix:
@@ -80,7 +80,7 @@ def test_read_only_folder(writer, scene, tmp_path, monkeypatch):
     name, write = writer
     monkeypatch.setattr(publish.tempfile, "mkdtemp", raising(errno.EROFS))
     with pytest.raises(OutputError, match="read-only"):
-        write(scene.source(), tmp_path / name)
+        write(scene.small(), tmp_path / name)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")  # noqa: PTH110
@@ -95,7 +95,7 @@ def test_gdal_on_a_full_disk(scene, tmp_path, monkeypatch):
 
     monkeypatch.setattr(publish.tempfile, "mkdtemp", full)
     with pytest.raises(OutputError):
-        write_geotiff(scene.source(), tmp_path / "map.tif")
+        write_geotiff(scene.small(), tmp_path / "map.tif")
     assert not (tmp_path / "map.tif").exists()
 
 
@@ -109,11 +109,11 @@ def test_gdal_error_on_a_nearly_full_disk_says_so(scene, tmp_path, monkeypatch):
 
     monkeypatch.setattr(geotiff.rasterio.shutil, "copy", fail)
     with pytest.raises(OutputError, match="Write error at scanline 3"):
-        write_geotiff(scene.source(), tmp_path / "map.tif")
+        write_geotiff(scene.small(), tmp_path / "map.tif")
     usage = type(shutil.disk_usage(tmp_path))(10**9, 10**9 - 1000, 1000)
     monkeypatch.setattr(publish.shutil, "disk_usage", lambda _: usage)
     with pytest.raises(OutputError, match="disk is full"):
-        write_geotiff(scene.source(), tmp_path / "map.tif")
+        write_geotiff(scene.small(), tmp_path / "map.tif")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -122,7 +122,7 @@ def test_side_files_of_an_older_map_go_with_it(scene, tmp_path):
     for suffix in (".aux.xml", ".ovr"):
         (tmp_path / f"map.tif{suffix}").write_text("statistics of the old map")
     (tmp_path / "map.tif.txt").write_text("a note")
-    write_geotiff(scene.source(), tmp_path / "map.tif")
+    write_geotiff(scene.small(), tmp_path / "map.tif")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["map.tif", "map.tif.txt"]
 
 
@@ -148,21 +148,21 @@ def test_a_file_that_fails_its_check_is_not_moved(tmp_path):
 def test_a_folder_is_no_file_and_a_file_no_folder(scene, tmp_path):
     (tmp_path / "map.tif").mkdir()
     with pytest.raises(OutputError, match="is a folder"):
-        write_geotiff(scene.source(), tmp_path / "map.tif")
+        write_geotiff(scene.small(), tmp_path / "map.tif")
     (tmp_path / "tiles").write_text("x")
     with pytest.raises(OutputError, match="is a file"):
-        write_tiles(scene.source(), tmp_path / "tiles")
+        write_tiles(scene.small(), tmp_path / "tiles")
 
 
 def test_a_users_folder_is_never_replaced(scene, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.txt").write_text("years of work")
     with pytest.raises(OutputError, match="holds other files"):
-        write_tiles(scene.source(), tmp_path / "home")
+        write_tiles(scene.small(), tmp_path / "home")
     assert (tmp_path / "home" / "thesis.txt").read_text() == "years of work"
     (tmp_path / "home" / "tiles.json").write_text("[]")
     with pytest.raises(OutputError, match="holds other files"):
-        write_tiles(scene.source(), tmp_path / "home")
+        write_tiles(scene.small(), tmp_path / "home")
 
 
 def test_a_folder_that_cannot_be_moved_in_stays_as_it_was(tmp_path, monkeypatch):

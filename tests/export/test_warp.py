@@ -80,7 +80,7 @@ def test_hidden_colour_never_shows(scene):
     st.floats(5_000_000, 6_500_000),
     st.floats(0.01, 2.0),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_target_grids_hold_the_whole_map_and_no_more(crs, west, north, size):
     source = MapGrid(UTM33, west, north, size, 400, 300)
     target = target_grid(source, crs)
