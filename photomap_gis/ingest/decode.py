@@ -23,7 +23,8 @@ from av.video.reformatter import Colorspace, Interpolation
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import ImageArray
-from photomap_gis.ingest.telemetry.text import unix_s_of_iso
+from photomap_gis.ingest.telemetry.demux import packets
+from photomap_gis.ingest.video_tags import make_and_model, rotation_deg, start_utc_s
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +39,6 @@ _SCALING = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
 """The scaler's fast path darkens by three levels."""
 
 _MAX_ERRORS_IN_A_ROW = 200
-_OLDEST_START_S = 946_684_800.0  # the year 2000: earlier stamps are clocks that were never set
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ def probe(path: Path) -> VideoInfo:
         context = stream.codec_context
         kinds = {s.type for s in container.streams}
         rate = stream.average_rate or stream.guessed_rate or 0
-        make, model = _make_and_model(container.metadata, stream.metadata)
+        make, model = make_and_model(container.metadata, stream.metadata)
         return VideoInfo(
             path=path,
             width_px=context.width,
@@ -110,11 +110,11 @@ def probe(path: Path) -> VideoInfo:
             rate_hz=_sane_rate(float(rate)),
             frame_count=max(0, stream.frames),
             duration_s=_duration_s(container, stream),
-            start_utc_s=_start_utc_s(container.metadata, stream.metadata),
+            start_utc_s=start_utc_s(container.metadata, stream.metadata),
             make=make,
             model=model,
             codec=context.name,
-            rotation_deg=_rotation_deg(stream),
+            rotation_deg=rotation_deg(stream.metadata),
             has_klv="data" in kinds and container.format.name == "mpegts",
             has_subtitles="subtitle" in kinds,
             has_gopro_metadata=any("GoPro MET" in s.metadata.get("handler_name", "") for s in container.streams),
@@ -223,26 +223,23 @@ class _Reader:
         context = self._stream.codec_context
         counted = -1
         errors = 0
-        while errors < _MAX_ERRORS_IN_A_ROW:
+        for packet in packets(self._container, self._stream):
+            # A frame that no other refers to need not be decoded where it is not wanted.
+            context.skip_frame = "DEFAULT" if self._needs(packet) else "NONREF"
             try:
-                for packet in self._container.demux(self._stream):
-                    # A frame that no other refers to need not be decoded where it is not wanted.
-                    context.skip_frame = "DEFAULT" if self._needs(packet) else "NONREF"
-                    try:
-                        frames = packet.decode()
-                    except FFmpegError:
-                        errors += 1
-                        continue
-                    for frame in frames:
-                        errors = 0
-                        counted += 1
-                        number = counted if self._index.is_counted else self._number_of(frame)
-                        if number is not None:
-                            self._at = number
-                            yield number, frame
-                return
-            except (FFmpegError, IndexError):
+                frames = packet.decode()
+            except FFmpegError:
                 errors += 1
+                if errors > _MAX_ERRORS_IN_A_ROW:
+                    return
+                continue
+            for frame in frames:
+                errors = 0
+                counted += 1
+                number = counted if self._index.is_counted else self._number_of(frame)
+                if number is not None:
+                    self._at = number
+                    yield number, frame
 
     def _needs(self, packet: Any) -> bool:
         if self._index.is_counted or packet.pts is None:
@@ -277,19 +274,18 @@ def _frame_index(path: str, size: int, mtime_ns: int) -> FrameIndex:
         stream = _video_stream(container, Path(path))
         rate = _sane_rate(float(stream.average_rate or stream.guessed_rate or 0)) or 25.0
         time_base_s = float(stream.time_base) if stream.time_base else 1.0 / rate
-        table = _index_of_table(container, stream, time_base_s)
-        if table is not None:
-            return table
-        try:
-            for packet in container.demux(stream):
-                if packet.size == 0 or packet.is_discard:
-                    continue
-                stamps.append(packet.pts)
-                keys.append(bool(packet.is_keyframe))
-                if len(stamps) >= _MAX_PACKETS:
-                    break
-        except (FFmpegError, IndexError) as error:  # PyAV stumbles over streams that a damaged file begins midway
-            logger.warning("%s: stops after %d packets (%s)", path, len(stamps), error)
+        table = _index_of_table(container, stream, time_base_s, size)
+    if table is not None:
+        return table
+    with _opened(Path(path)) as container:
+        stream = _video_stream(container, Path(path))
+        for packet in packets(container, stream):
+            if packet.size == 0 or packet.is_discard:
+                continue
+            stamps.append(packet.pts)
+            keys.append(bool(packet.is_keyframe))
+            if len(stamps) >= _MAX_PACKETS:
+                break
     if not stamps:
         raise DataError(f"{path}: the video holds no frames; it was cut short, copy it again from the card")
     known = [s for s in stamps if s is not None]
@@ -301,25 +297,24 @@ def _frame_index(path: str, size: int, mtime_ns: int) -> FrameIndex:
     return FrameIndex(pts, time_base_s, np.flatnonzero(is_key))
 
 
-def _index_of_table(container: Any, stream: Any, time_base_s: float) -> FrameIndex | None:
+def _index_of_table(container: Any, stream: Any, time_base_s: float, size_bytes: int) -> FrameIndex | None:
     """Return the index from an MP4's own table, without reading gigabytes of pictures; ``None`` where it can't be.
 
     The table counts in order of decoding. Without frames out of order that is the order of presentation up to a
     constant, which the first packets tell.
     """
     entries = stream.index_entries
+    if len(entries) and entries[len(entries) - 1].pos + entries[len(entries) - 1].size > size_bytes:
+        return None  # the file was cut short: its packets tell how far it goes
     if "mp4" not in container.format.name or len(entries) < _LEADING_PACKETS or stream.codec_context.has_b_frames:
         return None
     shifts = set()
-    try:
-        for count, packet in enumerate(container.demux(stream)):
-            if count >= _LEADING_PACKETS or packet.size == 0:
-                break
-            if packet.pts is None or packet.dts is None:
-                return None
-            shifts.add(packet.pts - packet.dts)
-    except (FFmpegError, IndexError):
-        return None
+    for count, packet in enumerate(packets(container, stream)):
+        if count >= _LEADING_PACKETS or packet.size == 0:
+            break
+        if packet.pts is None or packet.dts is None:
+            return None
+        shifts.add(packet.pts - packet.dts)
     shown = [e for e in entries if not e.is_discard]
     pts = np.array([e.timestamp for e in shown], dtype=np.int64)
     if len(shifts) != 1 or len(pts) < 2 or not (np.diff(pts) > 0).all():
@@ -370,43 +365,3 @@ def _duration_s(container: Any, stream: Any) -> float:
     if stream.duration is not None and stream.time_base is not None:
         return max(0.0, float(stream.duration * stream.time_base))
     return max(0.0, container.duration / 1e6) if container.duration is not None else 0.0
-
-
-def _start_utc_s(*metadata: dict[str, str]) -> float | None:
-    """Return when the recording began: the stamp that names its zone first."""
-    for key in ("com.apple.quicktime.creationdate", "creation_time", "date", "ICRD"):
-        for tags in metadata:
-            moment = unix_s_of_iso(_with_colon(tags.get(key, "")))
-            if moment is not None and moment[0] > _OLDEST_START_S:
-                return moment[0]
-    return None
-
-
-def _with_colon(stamp: str) -> str:
-    """``...+0200`` as ``...+02:00``."""
-    stamp = stamp.strip()
-    return f"{stamp[:-2]}:{stamp[-2:]}" if len(stamp) > 5 and stamp[-5] in "+-" and stamp[-4:].isdigit() else stamp
-
-
-def _make_and_model(*metadata: dict[str, str]) -> tuple[str, str]:
-    """Return the camera's maker and model where the container tells them, else what its marks imply."""
-    tags = {k.lower(): v.strip() for m in reversed(metadata) for k, v in m.items()}
-    make = next((tags[k] for k in ("com.apple.quicktime.make", "make", "com.android.manufacturer") if tags.get(k)), "")
-    model = next((tags[k] for k in ("com.apple.quicktime.model", "model", "com.android.model") if tags.get(k)), "")
-    marks = " ".join(tags.get(k, "") for k in ("encoder", "handler_name", "comment", "title"))
-    for known in ("DJI", "GoPro", "Autel", "Parrot", "Skydio", "Yuneec", "Hasselblad"):
-        if not make and known.lower() in marks.lower():
-            make = known
-    encoder = tags.get("encoder", "")
-    if not model and make and encoder.lower().startswith(make.lower()):
-        model = encoder[len(make) :].strip(" .-_")
-        model = "" if model.lower() in ("avc", "hevc", "avc encoder", "hevc encoder") else model
-    return make, model
-
-
-def _rotation_deg(stream: Any) -> int:
-    """Return the turn that players apply, from the tag that older muxers write."""
-    try:
-        return int(float(stream.metadata.get("rotate", "0"))) % 360
-    except ValueError:
-        return 0

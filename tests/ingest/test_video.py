@@ -379,3 +379,20 @@ def test_other_codecs(tmp_path: Path, codec: str, suffix: str) -> None:
         pytest.skip(f"this FFmpeg cannot write {codec}")
     for n, image in read_video_frames(path, [0, 1, 19, 20, 33, 49]):
         assert _number_seen(image) == pytest.approx(n, abs=1.0)
+
+
+def test_a_table_that_promises_more_than_the_file_holds(tmp_path: Path) -> None:
+    path = make_video(tmp_path / "v.mp4", movflags="faststart")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
+    count = len(frame_index(path).pts)
+    assert 30 < count < 90
+    footage = video_footage([path])
+    assert any("cut short" in w for w in footage.warnings)
+    assert all(f.frame_number is not None and f.frame_number < count for f in footage.frames)
+
+
+def test_few_frames_without_a_table(tmp_path: Path) -> None:
+    """B-frames forbid the short way; nothing may be lost on the long one."""
+    path = make_video(tmp_path / "v.mp4", 100, options=B_FRAMES)
+    assert len(frame_index(path).pts) == 100
+    assert frame_index(path).keys[0] == 0

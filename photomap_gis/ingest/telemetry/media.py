@@ -11,6 +11,7 @@ from av.stream import Discard
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.options import SrtOrder
+from photomap_gis.ingest.telemetry.demux import packets
 from photomap_gis.ingest.telemetry.gpmf import track_of_gpmf
 from photomap_gis.ingest.telemetry.klv import UAS_KEY, KlvPacket, packets_of, track_of_packets
 from photomap_gis.ingest.telemetry.srt import track_of_entries
@@ -44,7 +45,7 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
                     stream.discard = Discard.all  # an MP4 of gigabytes is leapt through for its few lines of text
             start_s = _start_s(video)
             pending = bytearray()
-            for count, packet in enumerate(container.demux(wanted)):
+            for count, packet in enumerate(packets(container, wanted)):
                 if count > _MAX_PACKETS:
                     break
                 if packet.size == 0:
@@ -65,7 +66,7 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
                         continue
                     klv += [(second, p) for p in found]
                     pending.clear()
-    except (FFmpegError, IndexError):  # PyAV stumbles over streams that a damaged file begins midway
+    except FFmpegError:
         if not klv and not subtitles and not gopro:
             return None
     if klv:
