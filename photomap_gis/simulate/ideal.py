@@ -28,8 +28,12 @@ def write_ideal_map(
     grid = MapGrid.covering(outline, frame, pixel_size=pixel_size_m or truth.gsd_m_per_px)
     colour = np.zeros((grid.height, grid.width, 3), np.uint8)
     nearest = np.full((grid.height, grid.width), np.inf, np.float32)
-    level = float(np.median([f.ground_height_m for f in frames]))
+    ground = truth.ground()
     for f in frames:
+        # each frame on a plane of its own, at the land's usual height in the middle half of what it sees
+        centre = f.footprint_en_m.mean(axis=0)
+        inner = centre + (f.footprint_en_m - centre) * np.linspace(0.05, 0.5, 10)[:, None, None]
+        level = float(np.median(ground.heights_at(inner.reshape(-1, 2))))
         _lay(f, truth, read_image(f), grid, level, colour, nearest)
     alpha = np.where(np.isfinite(nearest), 255, 0).astype(np.uint8)
     with rasterio.open(

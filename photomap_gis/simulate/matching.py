@@ -17,6 +17,7 @@ BoolArray = npt.NDArray[np.bool_]
 PATCH_PX = 64
 SEARCH_PX = 10
 NCC_MIN = 0.6
+GROWTH_ROUNDS = 12
 COARSE_PX_M = 0.4
 """Nothing smaller is looked at while the whole map's offset of metres is found."""
 
@@ -78,8 +79,9 @@ def match_patches(
     """Find every textured patch of the true picture that the map covers, near where its neighbourhood lies.
 
     The map is first laid on the true picture by the coarse similarity; then patches twice as large, looked for far,
-    say where each neighbourhood lies, so that a locally warped map is measured and not lost; then each patch is looked
-    for within ``search_px`` of that place, or of where the similarity alone puts it.
+    say where each neighbourhood lies; then each patch is looked for within ``search_px`` of that place, of where the
+    similarity alone puts it, or of where a neighbour was found. So a warped or torn map is measured and not lost: what
+    is still not found correlates nowhere near.
     """
     size = true.shape[::-1]
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -91,14 +93,46 @@ def match_patches(
     corners = patch_corners(true, seen & covered, side=patch_px, stride=patch_px)
     near = _neighbourhood_shifts(true, seen & covered, laid, corners, patch_px)
     true_xy, map_xy, score = _search(true, laid, corners, near, patch_px, search_px)
-    again = ~(score >= NCC_MIN) & (np.abs(near).max(axis=1, initial=0.0) > 1.0)
-    if again.any():
-        _, second_xy, second = _search(true, laid, corners[again], np.zeros((again.sum(), 2)), patch_px, search_px)
-        better = np.zeros(len(corners), bool)
-        better[again] = second > np.nan_to_num(score[again], nan=-1.0)
-        map_xy[better], score[better] = second_xy[better[again]], second[better[again]]
-    map_xy[~(score >= NCC_MIN)] = np.nan
+
+    def look_again(rows: npt.NDArray[np.intp], shifts: FloatArray) -> None:
+        _, second_xy, second = _search(true, laid, corners[rows], shifts, patch_px, search_px)
+        better = second > score[rows]
+        map_xy[rows[better]], score[rows[better]] = second_xy[better], second[better]
+
+    lost = np.flatnonzero(score < NCC_MIN)
+    look_again(lost, np.zeros((len(lost), 2)))
+    for _ in range(GROWTH_ROUNDS):  # what was found tells its lost neighbours where to look
+        lost, shifts = _neighbours_of_lost(corners, map_xy - true_xy, score, patch_px)
+        before = int((score >= NCC_MIN).sum())
+        for rows, shift in zip(np.split(lost, range(1, len(lost))), shifts, strict=False):
+            look_again(rows, shift[None])
+        if int((score >= NCC_MIN).sum()) == before:
+            break
+    map_xy[score < NCC_MIN] = np.nan
     return Matches(true_xy, T_map_true.apply(map_xy), score, T_map_true)
+
+
+def _neighbours_of_lost(
+    corners: npt.NDArray[np.intp], shift: FloatArray, score: FloatArray, patch_px: int
+) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Return rows of lost patches, each once for every distinct shift of the found patches around it, and the shifts."""
+    cell = {(int(x) // patch_px, int(y) // patch_px): k for k, (x, y) in enumerate(corners)}
+    rows: list[int] = []
+    shifts: list[FloatArray] = []
+    for (x, y), k in cell.items():
+        if score[k] >= NCC_MIN:
+            continue
+        around = [cell.get((x + i, y + j)) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+        tried: list[FloatArray] = []
+        for n in around:
+            if n is None or score[n] < NCC_MIN:
+                continue
+            guess = np.round(shift[n])
+            if all(np.abs(guess - other).max() > 4 for other in tried):
+                tried.append(guess)
+        rows += [k] * len(tried)
+        shifts += tried
+    return np.array(rows, dtype=np.intp), np.array(shifts).reshape(-1, 2)
 
 
 def patch_corners(image: GreyImage, usable: BoolArray, *, side: int, stride: int) -> npt.NDArray[np.intp]:

@@ -20,7 +20,7 @@ SOILS_BGR = np.array(
 """Grass, meadow, stubble, soil as a drone's camera sees them from above."""
 
 
-def lay_land(canvas: Canvas, *, slope: float = 0.006, relief_m: float = 0.35) -> None:
+def lay_land(canvas: Canvas, *, slope: float = 0.005, relief_m: float = 0.25) -> None:
     """Give the canvas a sloping, gently waving surface and a patchwork of parcels, nowhere the same twice."""
     rng, g = canvas.rng, canvas.gsd_m
     h, w = canvas.height_m.shape
