@@ -33,7 +33,7 @@ def parse_crs(text: str) -> CRS:
         raise UsageError(
             f"{text!r} is not a map's coordinate reference system; choose a projected one, like EPSG:25833"
         )
-    return crs.to_2d()
+    return crs.to_2d() if len(crs.axis_info) > 2 else crs
 
 
 def same_crs(a_wkt: str | None, b_wkt: str | None) -> bool:
@@ -82,7 +82,7 @@ def point_map(from_crs: str, to_crs: str, *, around_xy: npt.ArrayLike | None = N
         )
     except ProjError as error:
         raise UsageError(
-            f"no exact way is known from {source.name} to {target.name}: choose another --crs, such as the map's own"
+            f"no exact way is known here from {source.name} to {target.name}: choose a --crs made for the map's region"
         ) from error
 
     def apply(points: npt.ArrayLike) -> FloatArray:

@@ -25,9 +25,10 @@ from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.warp import target_grid, warped
 
 COMPRESSIONS = ("DEFLATE", "ZSTD", "LZW", "WEBP", "JPEG", "NONE")
-NOT_GEOREFERENCED = "NOT GEOREFERENCED: local units, no place on Earth; north is arbitrary"
+NOT_GEOREFERENCED = "NOT GEOREFERENCED: local units (not metres), no place on Earth; north is arbitrary"
+# GeoTIFF writes down metres whatever the unit, so the name must say that they are none.
 LOCAL_CRS_WKT = (
-    'LOCAL_CS["photomap local frame (NOT GEOREFERENCED)",LOCAL_DATUM["local",0],UNIT["metre",1],'
+    'LOCAL_CS["photomap local frame, units are not metres (NOT GEOREFERENCED)",LOCAL_DATUM["local",0],UNIT["metre",1],'
     'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
 )
 

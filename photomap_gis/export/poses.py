@@ -95,7 +95,7 @@ def pose_rows(
 
 
 def write_poses(rows: Sequence[PoseRow], path: Path | str, *, crs_wkt: str | None = None) -> None:
-    """Write the rows as CSV (any suffix but) or as GeoJSON (``.geojson``, ``.json``: points in WGS84, RFC 7946).
+    """Write the rows as CSV (``.csv``) or as GeoJSON (``.geojson``, ``.json``: points in WGS84, RFC 7946).
 
     GeoJSON holds frames without a place as features without geometry. It has only one CRS, so a local map is refused.
     ``crs_wkt`` is the map's CRS where the rows' ``crs`` names one that no authority knows.

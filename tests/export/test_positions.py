@@ -31,7 +31,10 @@ def read_raster(path):
 
 def assemble(tiles: dict[tuple[int, int, int], bytes], zoom: int):
     """One picture of the tiles of a zoom, and the way from its pixels to Web Mercator."""
-    keys = [k for k in tiles if k[0] == zoom]
+    tiles = {k: v for k, v in tiles.items() if k[0] == zoom}
+    if max(k[1] for k in tiles) - min(k[1] for k in tiles) > 2 ** (zoom - 1):  # columns start again from the west
+        tiles = {(z, x + 2**z if x < 2 ** (z - 1) else x, y): v for (z, x, y), v in tiles.items()}
+    keys = list(tiles)
     x0, y0 = min(k[1] for k in keys), min(k[2] for k in keys)
     x1, y1 = max(k[1] for k in keys), max(k[2] for k in keys)
     canvas = np.zeros(((y1 - y0 + 1) * 256, (x1 - x0 + 1) * 256, 4), np.uint8)
@@ -75,8 +78,6 @@ def test_geotiff_at_another_pixel_size(scene, tmp_path, pixel_size):
 
 
 def test_tiles(placed, scene, tmp_path):
-    if "60N" in placed.grid.crs_wkt:
-        pytest.skip("columns start again from the west: see test_tiles.py")
     write_tiles(placed, tmp_path / "tiles")
     document = json.loads((tmp_path / "tiles" / "tiles.json").read_text())
     tiles = {
