@@ -18,6 +18,8 @@ from photomap_gis.core.errors import FrameReadError, OutputError
 from photomap_gis.core.frame import Frame, FrameRef, ImageArray
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.ifmi import Spectrum, judge_frame, make_spectrum, make_working
+from photomap_gis.ifmi.working import shrink as shrink_grey
+from photomap_gis.ifmi.working import to_grey
 from photomap_gis.ingest import read_frame, read_frames
 from photomap_gis.parallel import map_jobs
 from photomap_gis.pipeline.settings import MapSettings, Progress
@@ -30,7 +32,7 @@ _VIDEO_JPEG_QUALITY = 95  # the frames taken out of a video are what the map is 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Small:
-    """A frame's working image, or why there is none."""
+    """A frame's raster made small, to be judged, and where its working image lies; or why there is none."""
 
     ref: FrameRef
     grey: ImageArray | None
@@ -89,9 +91,11 @@ def prepare_frames(
         except FrameReadError as error:
             return _Small(ref, None, Similarity2D(), str(error))
         _keep_working(mission, ref.index, work.grey, work.mask)
-        return _Small(ref, work.grey, work.T_plane_work, None)
+        # Judged is the raster as it came: levelling gives a sound frame straight, empty borders.
+        raster = work.grey if work.mask is None else shrink_grey(to_grey(frame.image), settings.work_size_px)[0]
+        return _Small(ref, raster, work.T_plane_work, None)
 
-    previous = _last_good(mission, frames, prepared)
+    previous = _last_good(mission, frames, prepared, settings.work_size_px)
     done = len(frames) - len(missing)
     for small in map_jobs(shrink, _contents(missing), workers=settings.workers):
         flight = small.ref.flight
@@ -110,12 +114,15 @@ def prepare_frames(
 
 
 def _last_good(
-    mission: Mission, frames: Sequence[FrameRef], prepared: Mapping[int, PreparedFrame]
+    mission: Mission, frames: Sequence[FrameRef], prepared: Mapping[int, PreparedFrame], size_px: int
 ) -> tuple[int, ImageArray] | None:
-    """Return flight and working image of the newest usable frame of an earlier run: it judges the next one."""
+    """Return flight and small raster of the newest usable frame of an earlier run: it helps to judge the next one."""
     for ref in reversed(frames):
         if ref.index in prepared and prepared[ref.index].usable:
-            return ref.flight, _load_working(mission, ref.index)[0]
+            try:
+                return ref.flight, shrink_grey(to_grey(read_pixels(mission, ref)), size_px)[0]
+            except FrameReadError:
+                return None
     return None
 
 

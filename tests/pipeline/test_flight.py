@@ -24,7 +24,8 @@ def strip_gps(folder: Path, out: Path) -> Path:
     """Copy photos without any metadata."""
     out.mkdir()
     for photo in sorted(folder.glob("*.JPG")):
-        Image.open(photo).save(out / photo.name, quality=92)
+        with Image.open(photo) as picture:
+            picture.save(out / photo.name, quality=92)
     return out
 
 
@@ -196,7 +197,8 @@ def test_broken_frames_are_named_and_the_rest_is_mapped(flown, tmp_path):
     names = sorted(p.name for p in photos.glob("*.JPG"))
     whole = (photos / names[3]).read_bytes()
     (photos / names[3]).write_bytes(whole[: len(whole) // 3])
-    exif = Image.open(photos / names[6]).info["exif"]
+    with Image.open(photos / names[6]) as photo:
+        exif = photo.info["exif"]
     Image.fromarray(np.full((480, 640, 3), 127, np.uint8)).save(photos / names[6], exif=exif)
     summary = map_flight([photos], tmp_path / "mission")
     assert summary.frames["error_frame"] == 2
