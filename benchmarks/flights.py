@@ -85,7 +85,7 @@ class Row:
         """The limits that this map does not keep."""
         e = self.errors
         limits = (
-            ("ratio", e.ratio_to_floor or math.inf, MAX_RATIO),
+            ("ratio", math.inf if e.ratio_to_floor is None else e.ratio_to_floor, MAX_RATIO),
             ("relative", e.relative_rmse_gsd, ATTITUDES[self.case.attitude][2]),
             ("coverage", 1.0 - e.coverage, 1.0 - MIN_COVERAGE),
             ("unmatched", e.unmatched_share, MAX_UNMATCHED),
@@ -159,13 +159,17 @@ def table(rows: list[Row]) -> str:
         counted = f"{frames['registered']}/{frames['total']}" if isinstance(frames, Mapping) else "?"
         body.append((
             r.case.ground, r.case.attitude, str(r.case.seed), counted, f"{e.absolute_rmse_m:.2f}",
-            f"{e.floor_rmse_m or math.nan:.2f}", f"{e.ratio_to_floor or math.nan:.3f}", f"{e.relative_rmse_gsd:.2f}",
+            f"{_or_nan(e.floor_rmse_m):.2f}", f"{_or_nan(e.ratio_to_floor):.3f}", f"{e.relative_rmse_gsd:.2f}",
             f"{e.relative_median_m / e.true_gsd_m_per_px:.2f}", f"{100 * e.coverage:.2f}",
             f"{100 * e.unmatched_share:.2f}", f"{r.cost.cpu_s:.0f}", f"{r.cost.peak_rss_mb:.0f}",
             "kept" if not r.broken else "BROKEN: " + ", ".join(r.broken),
         ))  # fmt: skip
     lines = [head, tuple("---" for _ in head), *body]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def main(arguments: list[str] | None = None) -> int:

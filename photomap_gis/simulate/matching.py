@@ -115,7 +115,7 @@ def match_patches(
 def _neighbours_of_lost(
     corners: npt.NDArray[np.intp], shift: FloatArray, score: FloatArray, patch_px: int
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return rows of lost patches, each once for every distinct shift of the found patches around it, and the shifts."""
+    """Return rows of lost patches, once for every distinct shift of the found patches around each, and the shifts."""
     cell = {(int(x) // patch_px, int(y) // patch_px): k for k, (x, y) in enumerate(corners)}
     rows: list[int] = []
     shifts: list[FloatArray] = []

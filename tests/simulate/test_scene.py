@@ -1,11 +1,16 @@
 """The scene that ships as code: rich, asymmetric, the same for the same seed."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
+import rasterio
 
+from photomap_gis.simulate import FlightSpec, Ground, procedural_scene, simulate_photos
 from photomap_gis.simulate.evaluate import raised_mask
-from photomap_gis.simulate.ground import Ground
-from photomap_gis.simulate.scene import orientation_scene, procedural_scene
+from photomap_gis.simulate.ideal import write_ideal_map
+from photomap_gis.simulate.scene import orientation_scene
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +73,21 @@ def test_the_orientation_scene_knows_where_its_marks_are() -> None:
     north = {name: n - g.centre_en_m[1] for name, _, n, _ in scene.marks}
     assert east["red"] < 0 < east["green"]
     assert north["blue"] < 0 < north["red"]
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0])
+def test_at_four_headings_nothing_is_mirrored_or_turned(heading: float, tmp_path: Path) -> None:
+    scene = orientation_scene((90.0, 80.0), 0.2)
+    spec = FlightSpec(frames=6, width_px=300, height_px=220, headings_deg=(heading,), nose_follows_track=False)
+    truth = simulate_photos(scene.ground, spec, tmp_path)
+    write_ideal_map(truth, lambda f: cv2.imread(str(tmp_path / "photos" / f.name)), tmp_path / "map.tif")
+    with rasterio.open(tmp_path / "map.tif") as written:
+        rgba = written.read()
+        seen = 0
+        for name, easting, northing, bgr in scene.marks:
+            row, col = written.index(easting, northing)
+            if not (0 <= row < written.height and 0 <= col < written.width and rgba[3, row, col]):
+                continue
+            seen += 1
+            assert np.abs(rgba[2::-1, row, col].astype(int) - bgr).max() < 70, name
+    assert seen >= 3
