@@ -99,7 +99,9 @@ def write_over(
                 raise DataError(f"the map does not overlap {old_path}: nothing to replace")
             draft_to_cog(draft, temporary, compression="DEFLATE")
             draft.unlink()
-        name = old.name
+        name, steps = old.name, 2 * sum(1 for _ in strips(old.width, old.height))
+    if on_progress is not None:
+        on_progress(steps, steps)
     in_degrees = to_wgs84(outline, overlay.grid.crs_wkt)
     area_m2 = abs(Geod(ellps="WGS84").geometry_area_perimeter(in_degrees)[0])
     properties = {
