@@ -12,6 +12,7 @@ from photomap_gis.ifmi.blocks import BlockMotion, block_motion
 from photomap_gis.ifmi.field import Field, Frame, fit_field
 from photomap_gis.ifmi.overlap import Agreement, agreement
 from photomap_gis.ifmi.refine import Fit, refine
+from photomap_gis.ifmi.repeats import Repeat, closest_repeat
 from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
 
@@ -22,7 +23,7 @@ LARGEST_INFLATION = 30.0
 what the correlation lacks to 1 (calibrated on known truth: 3 at 0.98, 11 at 0.85, 30 below 0.5)."""
 SCATTER_SHARE = 0.5
 """How much of relief's scatter enters the motion's covariance as if every block drew it anew (calibrated)."""
-BEND_SHARE = 0.05
+BEND_SHARE = 0.08
 """How much of the bend enters the motion's covariance: the field's form is not exactly the ground's (calibrated)."""
 LEAST_SIGMA_PX = 0.01
 OBVIOUS = 40.0
@@ -58,6 +59,7 @@ class Measured:
     blocks: int
     tiles: TilePulses | None
     agreement: Agreement
+    repeat: Repeat | None = None
 
 
 def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
@@ -70,7 +72,7 @@ def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
     tiles = tile_pulses(floor_a, floor_b, fit.T_a_b.matrix)
     if tiles is None or len(tiles.near) < 2:
         return Lead(fit.T_a_b, None, tiles, fit, snr)
-    if tiles.summed_snr >= OBVIOUS and float(tiles.near.mean()) >= 0.6:
+    if tiles.summed_snr >= OBVIOUS and float(tiles.near.mean()) >= 0.9:
         return Lead(fit.T_a_b, None, tiles, fit, snr)
     frame = Frame(*b.size_px)
     f = floor_b.factor
@@ -106,14 +108,16 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     limit = 3.0 * math.sqrt(field.scatter2) + 0.01 * frame.reach_px
     T = lead.T_a_b @ shift @ correction @ shift.inverse()
     floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
+    H_a_b = field.matrix(lead.T_a_b)
     return Measured(
         T_a_b=T,
         covariance=0.5 * (covariance + covariance.T),
         model_sigma_px=math.sqrt(bend2 + field.scatter2),
         agreeing=int(np.count_nonzero(np.sqrt(2.0 * field.residual2) < limit)),
         blocks=blocks,
-        tiles=tile_pulses(floor_a, floor_b, field.matrix(lead.T_a_b)),
+        tiles=tile_pulses(floor_a, floor_b, H_a_b),
         agreement=agreement(floor_a, floor_b, T),
+        repeat=closest_repeat(floor_a, floor_b, H_a_b),
     )
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.examine import Lead, follow, measure
+from photomap_gis.ifmi.examine import Lead, Measured, follow, measure
 from photomap_gis.ifmi.features import feature_candidates
 from photomap_gis.ifmi.prior import Prior
 from photomap_gis.ifmi.search import Candidate, search
@@ -118,6 +118,7 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         agreeing=measured.agreeing,
         blocks=measured.blocks,
         contender=rivals[0].strength / max(best.strength, 1e-6) if rivals else 0.0,
+        repeats=measured.repeat is not None and measured.repeat.ambiguous,
     )
     probability = probability_of(evidence)
     if prior is not None and not prior.admits(measured.T_a_b, b.size_px):
@@ -133,10 +134,19 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         method=method,
         overlap=measured.agreement.overlap,
         correlation=measured.agreement.correlation,
-        alternatives=tuple(r.T_a_b for r in rivals if r.strength > 0.7 * best.strength),
+        alternatives=_alternatives(measured, rivals, 0.7 * best.strength),
         a=a.index,
         b=b.index,
     )
+
+
+def _alternatives(measured: Measured, rivals: list[Lead], strength: float) -> tuple[Similarity2D, ...]:
+    """Return the motions that may as well be right: strong rivals, and the motion moved by the ground's period."""
+    others = [r.T_a_b for r in rivals if r.strength > strength]
+    if measured.repeat is not None and measured.repeat.ambiguous:
+        shift = Similarity2D.translation_of(measured.repeat.dx_px, measured.repeat.dy_px)
+        others.append(shift @ measured.T_a_b)
+    return tuple(others)
 
 
 def _nothing(a: Spectrum, b: Spectrum, prior: Prior | None, method: str) -> Registration:

@@ -14,7 +14,8 @@ class Evidence:
 
     ``correlation`` over the ``overlap``; ``snr`` of the translation pulse; the tiles' ``summed_snr``, the highest
     ``rival`` of their sum as a share of it, how many of the ``tiles`` were ``near``; how many of the ``blocks``
-    were ``agreeing``; ``contender`` is the strength of the best other motion over the winner's.
+    were ``agreeing``; ``contender`` is the strength of the best other motion over the winner's; ``repeats`` whether the
+    ground looks the same a period away.
     """
 
     correlation: float
@@ -27,11 +28,20 @@ class Evidence:
     agreeing: int
     blocks: int
     contender: float
+    repeats: bool = False
 
 
 def probability_of(e: Evidence) -> float:
     """Return the probability that the registration is right."""
     if e.tiles == 0:
         return 0.0
-    score = 0.35 * (e.summed_snr - 13.0) - 6.0 * max(e.rival - 0.5, 0.0) + 4.0 * (e.near / e.tiles - 0.3)
-    return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, score))))
+    score = (
+        0.3 * (min(e.summed_snr, 40.0) - 14.0)
+        - 6.0 * max(e.rival - 0.4, 0.0)
+        + 4.0 * (e.near / e.tiles - 0.5)
+        + 1.0 * (math.log1p(e.agreeing) - 1.8)
+        + 4.0 * (e.correlation - 0.3)
+        - 3.0 * max(e.contender - 0.5, 0.0)
+    )
+    probability = 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, score))))
+    return min(probability, 0.5) if e.repeats else probability

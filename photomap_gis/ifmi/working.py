@@ -97,7 +97,8 @@ def _window(grey: ImageArray, view: PlaneView, size_px: int) -> WorkingImage:
     middle = np.array([(camera_w - 1) / 2.0, (camera_h - 1) / 2.0])
     cross = middle + np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
     p = view.to_plane(cross)
-    area = abs(float(np.linalg.det(np.stack([p[1] - p[2], p[3] - p[4]], axis=1))))
+    right, down = p[1] - p[2], p[3] - p[4]
+    area = abs(float(right[0] * down[1] - right[1] * down[0]))
     if not (np.isfinite(p).all() and 1e-6 < area < 1e6):
         # The middle of the picture looks at the horizon or above: nothing of the plane can be shown.
         nothing = np.zeros((out_h, out_w), np.uint8)

@@ -1,44 +1,14 @@
 """Known truth: pictures moved by a known similarity come back with it."""
 
-import math
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
+from ifmi_ground import ground, noisy, pose, rms_px, view
 
-from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.core.similarity import Similarity2D, fit_similarity
 from photomap_gis.ifmi import Prior, make_spectrum, register, register_images
-
-
-def ground(rng: np.random.Generator, side: int = 900) -> np.ndarray:
-    """A procedural ground without repeats: blurred noise of many sizes, with patches of hard edges."""
-    g = sum(
-        s**-0.4 * cv2.GaussianBlur(rng.standard_normal((side, side)), (0, 0), s) * s for s in (1.0, 2.0, 4.0, 9.0, 20.0)
-    )
-    for _ in range(120):
-        x, y = rng.integers(0, side, 2)
-        w, h = rng.integers(8, 60, 2)
-        g[y : y + h, x : x + w] += rng.normal() * 6.0
-    g = (g - g.mean()) / g.std()
-    return np.clip(128 + 45 * g, 0, 255).astype(np.uint8)
-
-
-def view(g: np.ndarray, T_ground_image: Similarity2D, shape: tuple[int, int]) -> np.ndarray:
-    """The picture that a straight-down camera takes of the ground."""
-    m = T_ground_image.matrix[:2]
-    return cv2.warpAffine(g, m, shape[::-1], flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-
-
-def pose(x: float, y: float, angle_deg: float, scale: float, shape: tuple[int, int]) -> Similarity2D:
-    """``T_ground_image`` with the image's centre at (x, y) of the ground."""
-    c = Similarity2D.translation_of(-(shape[1] - 1) / 2, -(shape[0] - 1) / 2)
-    return Similarity2D(x, y, math.radians(angle_deg), math.log(scale)) @ c
-
-
-def rms_px(T: Similarity2D, U: Similarity2D, shape: tuple[int, int]) -> float:
-    h, w = shape
-    corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]], float)
-    return float(np.sqrt(np.mean(np.sum((T.apply(corners) - U.apply(corners)) ** 2, axis=1))))
 
 
 @pytest.mark.parametrize("shape", [(256, 256), (192, 256), (270, 480)])
@@ -54,7 +24,7 @@ def test_a_known_motion_comes_back(rng, shape, dx, dy, angle_deg, scale):
     r = register_images(view(g, T_g_a, shape), view(g, T_g_b, shape), fallback=False)
     assert r.accepted
     assert r.method == "ifmi"
-    assert rms_px(r.T_a_b, truth, shape) < 0.4
+    assert rms_px(r.T_a_b, truth, shape) < 0.12
     assert np.linalg.eigvalsh(r.covariance)[0] > 0.0
 
 
@@ -105,3 +75,91 @@ def test_empty_pictures_abstain(value):
     r = register_images(flat, flat)
     assert not r.accepted
     assert np.linalg.eigvalsh(r.covariance)[0] > 0.0
+
+
+def test_threads_share_spectra_and_agree(rng):
+    shape = (192, 256)
+    g = ground(rng)
+    spectra = [make_spectrum(view(g, pose(400 + 25 * k, 450, 3 * k, 1.0, shape), shape), index=k) for k in range(4)]
+    pairs = [(a, b) for a in spectra for b in spectra if a.index < b.index]
+    alone = [register(a, b) for a, b in pairs]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda pair: register(*pair), pairs))
+    assert [r.T_a_b for r in alone] == [r.T_a_b for r in together]
+    assert [(r.a, r.b) for r in together] == [(a.index, b.index) for a, b in pairs]
+
+
+def test_fixed_overlays_do_not_hold_the_picture_fast(rng):
+    """A caption burnt into both frames says "no motion"; the mask takes its word away."""
+    shape = (256, 320)
+    g = ground(rng)
+    T_g_a, T_g_b = pose(450, 450, 0, 1.0, shape), pose(490, 420, 4, 1.0, shape)
+    a, b = view(g, T_g_a, shape).copy(), view(g, T_g_b, shape).copy()
+    mask = np.ones(shape, bool)
+    caption = rng.integers(0, 2, (40, 320)).astype(np.uint8) * 255
+    for image in (a, b):
+        image[:40] = caption
+        image[200:, 100:220] = 20
+    mask[:40] = mask[200:, 100:220] = False
+    r = register_images(a, b, mask_a=mask, mask_b=mask)
+    assert r.accepted
+    assert rms_px(r.T_a_b, T_g_a.inverse() @ T_g_b, shape) < 0.3
+
+
+def test_repeating_texture_abstains(rng):
+    """Rows that repeat fit at every period: nothing says which is right."""
+    y, x = np.mgrid[0:256, 0:256].astype(np.float64)
+    for angle in (0.0, 0.4):
+        u, v = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y
+        a = 128 + 50 * np.sign(np.sin(2 * np.pi * u / 16)) + 20 * np.cos(2 * np.pi * v / 22)
+        b = 128 + 50 * np.sign(np.sin(2 * np.pi * (u + 5) / 16)) + 20 * np.cos(2 * np.pi * (v - 3) / 22)
+        r = register_images(*(noisy(rng, np.clip(p, 0, 255), 4.0) for p in (a, b)))
+        assert not r.accepted
+
+
+def test_small_overlap_without_and_with_prior(rng):
+    shape = (256, 256)
+    g = ground(rng)
+    T_g_a, T_g_b = pose(350, 450, 0, 1.0, shape), pose(350 + 150, 450, 30, 1.1, shape)
+    truth = T_g_a.inverse() @ T_g_b
+    a, b = (make_spectrum(noisy(rng, view(g, T, shape), 3.0)) for T in (T_g_a, T_g_b))
+    for prior in (None, Prior(truth @ Similarity2D(8.0, 5.0, 0.03, 0.02), 10.0, 0.04, 0.04)):
+        r = register(a, b, prior=prior)
+        assert r.accepted
+        assert rms_px(r.T_a_b, truth, shape) < 1.0
+
+
+@pytest.mark.parametrize("tilt", [0.0, 3e-4])
+def test_the_covariance_holds_the_truth_and_tilt_is_told_apart(rng, tilt):
+    """Normalised errors of about one; perspective shows in the model sigma, at its true size."""
+    shape, errors, sigmas, trues = (192, 256), [], [], []
+    g = ground(rng, 1200)
+    centre = Similarity2D.translation_of((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    for k in range(12):
+        T_g_a = pose(600, 600, 30.0 * k, 1.0, shape)
+        T_g_b = pose(*(600 + rng.uniform(-40, 40, 2)), 30.0 * k + rng.uniform(-20, 20), 1.0, shape)
+        truth = T_g_a.inverse() @ T_g_b
+        a, b = view(g, T_g_a, shape), view(g, T_g_b, shape)
+        # Perspective about b's centre: pixel p of the tilted picture shows pixel W(p) of the level one.
+        turn = rng.uniform(0, 2 * np.pi)
+        W = np.eye(3)
+        W[2, :2] = tilt * np.cos(turn), tilt * np.sin(turn)
+        W = centre.matrix @ W @ centre.inverse().matrix
+        b = cv2.warpPerspective(g, T_g_b.matrix @ W, shape[::-1], flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+        x, y = np.meshgrid(np.arange(4, 252, 8.0), np.arange(4, 188, 8.0))
+        p = np.stack([x.ravel(), y.ravel()], axis=1)
+        seen = cv2.perspectiveTransform(p[None], W)[0]
+        q = truth.apply(seen)
+        inside = (q >= 0).all(axis=1) & (q <= [255, 191]).all(axis=1)
+        closest = fit_similarity(q[inside], p[inside])
+        trues.append(np.sqrt(np.mean(np.sum((closest.apply(p[inside]) - q[inside]) ** 2, axis=1)) / 2))
+        r = register_images(noisy(rng, a, 3.0), noisy(rng, b, 3.0), fallback=False)
+        xi = (centre.inverse() @ r.T_a_b.inverse() @ closest @ centre).log()
+        errors.append(float(xi @ np.linalg.solve(r.covariance, xi)) / 4.0)
+        sigmas.append(r.model_sigma_px)
+    assert 0.05 < np.mean(errors) < 2.0
+    assert np.quantile(errors, 0.9) < 2.5
+    if tilt:
+        assert 0.8 < np.median(np.array(sigmas) / trues) < 1.25
+    else:
+        assert max(sigmas) < 0.15

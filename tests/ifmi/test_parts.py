@@ -1,0 +1,132 @@
+"""The pieces of the algorithms, each against a law or an independent twin."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ifmi_ground import ground, pose, view
+
+from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.ifmi import Prior, make_spectrum
+from photomap_gis.ifmi.field import Frame, displacement, fit_field
+from photomap_gis.ifmi.kernels import fft_size, forward_fft, forward_fft_stack, inverse_fft, inverse_fft_stack
+from photomap_gis.ifmi.logpolar import ANGLES, RADII
+from photomap_gis.ifmi.pomf import gaussian_low_pass, pomf, pulse_of, whiten
+from photomap_gis.ifmi.pulse import find_peaks, pulse_covariance
+from photomap_gis.ifmi.search import turns_and_scales
+from photomap_gis.ifmi.tiles import tile_pulses
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (4, 6), (96, 128), (30, 54)])
+def test_the_fast_transform_is_the_slow_one(rng, shape):
+    image = rng.random(shape, dtype=np.float32)
+    half = forward_fft(image)
+    np.testing.assert_allclose(half, np.fft.rfft2(image), atol=1e-3)
+    np.testing.assert_allclose(inverse_fft(half), image, atol=1e-5)
+    stack = np.stack([image, image.T[: shape[0], : shape[1]] if shape[0] == shape[1] else 1 - image])
+    np.testing.assert_allclose(inverse_fft_stack(forward_fft_stack(stack)), stack, atol=1e-5)
+
+
+@given(st.integers(1, 3000))
+def test_fft_sizes_are_even_and_large_enough(n):
+    assert fft_size(n) >= n
+    assert fft_size(n) % 2 == 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(-31, 31), st.integers(-23, 23))
+def test_algorithm_1_points_at_the_shift(dx, dy):
+    B = np.random.default_rng(3).random((48, 64), dtype=np.float32)
+    A = np.roll(B, (dy, dx), axis=(0, 1))
+    delta = pomf(A, B)
+    assert np.unravel_index(np.argmax(delta), delta.shape) == (dy % 48, dx % 64)
+    assert delta.max() == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_peak_is_found_between_the_cells(rng):
+    F = np.fft.rfft2(rng.standard_normal((64, 64)))
+    fy, fx = np.fft.fftfreq(64)[:, None], np.fft.rfftfreq(64)[None, :]
+    moved = F * np.exp(-2j * np.pi * (fx * 3.3 + fy * -5.6))
+    low_pass = gaussian_low_pass((64, 64), 0.15)
+    delta = pulse_of(whiten(moved.astype(np.complex64)), whiten(F.astype(np.complex64)), low_pass)
+    (peak,) = find_peaks(delta, 1)
+    assert peak.column == pytest.approx(3.3, abs=0.06)
+    assert peak.row == pytest.approx(64 - 5.6, abs=0.06)
+    assert peak.snr > 10.0
+
+
+def test_peaks_keep_their_distance_and_the_allowed_region():
+    delta = np.zeros((16, 16), np.float32)
+    delta[0, 0], delta[0, 15], delta[8, 8] = 3.0, 2.5, 2.0
+    assert [(round(p.row), round(p.column)) for p in find_peaks(delta, 2)] == [(0, 0), (8, 8)]
+    allowed = np.zeros((16, 16), bool)
+    allowed[6:10, 6:10] = True
+    assert round(find_peaks(delta, 1, allowed=allowed)[0].row) == 8
+
+
+def test_algorithm_3_is_the_second_moment_of_the_pulse():
+    y, x = np.mgrid[-16:16, -16:16]
+    delta = np.exp(-0.5 * ((y / 1.5) ** 2 + (x / 2.5) ** 2)).astype(np.float32)
+    np.testing.assert_allclose(pulse_covariance(delta, 16.0, 16.0, 12), np.diag([1.5**2, 2.5**2]), rtol=0.02, atol=1e-6)
+
+
+@pytest.mark.parametrize(("angle_deg", "scale"), [(0, 1.0), (37, 1.0), (90, 0.8), (-61, 1.3)])
+def test_turn_and_scale_are_read_from_the_log_polar_pulse(rng, angle_deg, scale):
+    g = ground(rng)
+    a, b = (make_spectrum(view(g, pose(450, 450, *p, (256, 256)), (256, 256))) for p in ((0, 1.0), (angle_deg, scale)))
+    delta = pulse_of(a.log_polar_phases, b.log_polar_phases, gaussian_low_pass((ANGLES, RADII), 0.08))
+    angle, log_scale = turns_and_scales(delta, 1, None)[0]
+    assert abs(math.remainder(angle - math.radians(angle_deg), math.pi)) < math.radians(1.0)
+    assert log_scale == pytest.approx(math.log(scale), abs=0.02)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(-3, 3), min_size=8, max_size=8))
+def test_a_field_is_found_again_and_is_its_matrix(theta):
+    frame = Frame(320, 240)
+    theta = np.array(theta)
+    p = frame.grid()
+    d = displacement(frame, p, theta)
+    d_noisy = d.copy()
+    d_noisy[::11] += 25.0  # some have lost their way
+    field = fit_field(frame, p, d_noisy, np.full(len(p), 0.01), scatter_share=0.5)
+    np.testing.assert_allclose(field.displacement(p), d, atol=0.05)
+    H = field.matrix(Similarity2D(5.0, -3.0, 0.2, 0.1))
+    via_matrix = cv2.perspectiveTransform(p[None], H)[0]
+    via_field = Similarity2D(5.0, -3.0, 0.2, 0.1).apply(p + field.displacement(p))
+    np.testing.assert_allclose(via_matrix, via_field, atol=1e-6)
+
+
+def test_tiles_speak_for_the_right_motion_only(rng):
+    g, shape = ground(rng), (192, 256)
+    T_g_a, T_g_b = pose(450, 450, 0, 1.0, shape), pose(480, 430, 10, 1.05, shape)
+    truth = T_g_a.inverse() @ T_g_b
+    a, b = (make_spectrum(view(g, T, shape)) for T in (T_g_a, T_g_b))
+    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
+    right = tile_pulses(floor_a, floor_b, truth.matrix)
+    wrong = tile_pulses(floor_a, floor_b, (truth @ Similarity2D(30.0, 9.0)).matrix)
+    assert right.near.all() and right.rival < 0.2 and right.summed_snr > 30.0
+    assert wrong.near.mean() < 0.5 and wrong.summed_snr < 0.3 * right.summed_snr
+    assert tile_pulses(floor_a, floor_b, Similarity2D(900.0, 0.0).matrix) is None
+
+
+def test_a_spectrum_is_modest_and_complains_of_nonsense(rng):
+    s = make_spectrum(ground(rng)[:384, :512])
+    arrays = [s.grey, s.phases, s.log_polar_phases]
+    for f in s.floors:
+        arrays += [f.values, f.template.x, f.template.y, f.template.value, f.template.gx, f.template.gy]
+    assert sum(a.nbytes for a in arrays) < 3.2e6
+    with pytest.raises(ValueError, match="uint8"):
+        make_spectrum(np.zeros((64, 64), np.float32))
+    with pytest.raises(ValueError, match="mask"):
+        make_spectrum(np.zeros((64, 64), np.uint8), mask=np.ones((3, 3), bool))
+    with pytest.raises(ValueError, match="sigma_xy_px"):
+        Prior(Similarity2D(), 0.0, 0.1, 0.1)
+
+
+def test_the_whole_mask_off_is_no_crash(rng):
+    s = make_spectrum(ground(rng)[:128, :160], mask=np.zeros((128, 160), bool))
+    assert np.isfinite(s.phases).all()
