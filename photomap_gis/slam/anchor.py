@@ -92,12 +92,12 @@ class Fit:
     spread: float = 1.0
 
 
-def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray) -> Fit | None:
+def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray, *, samples: int = SAMPLES) -> Fit | None:
     """Fit ``z p + t`` to fixes robustly (least median of squares, then re-weighted); ``None`` for a short baseline."""
     n = len(points)
     if n < 2:
         return None
-    pairs = _far_pairs(points)
+    pairs = _far_pairs(points, samples)
     if not len(pairs):
         return None
     i, j = pairs[:, 0], pairs[:, 1]
@@ -131,17 +131,17 @@ def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray) -> F
     return replace(fit, sigma_rad=sigma_rad, spread=scale) if sigma_rad < ALIGNED_SIGMA_RAD else None
 
 
-def _far_pairs(points: ComplexArray) -> IntArray:
-    """``(m, 2)`` pairs of points far apart, at most ``SAMPLES``, the same in every run."""
+def _far_pairs(points: ComplexArray, samples: int) -> IntArray:
+    """``(m, 2)`` pairs of points far apart, at most ``samples``, the same in every run."""
     n = len(points)
-    if n * (n - 1) // 2 <= SAMPLES:
+    if n * (n - 1) // 2 <= samples:
         i, j = np.triu_indices(n, 1)
     else:
         rng = np.random.default_rng(n)
-        i = rng.integers(0, n, 6 * SAMPLES)
-        j = (i + rng.integers(1, n, 6 * SAMPLES)) % n
+        i = rng.integers(0, n, 6 * samples)
+        j = (i + rng.integers(1, n, 6 * samples)) % n
     distance = np.abs(points[i] - points[j])
-    keep = np.argsort(-distance, kind="stable")[: max(SAMPLES, 1)]
+    keep = np.argsort(-distance, kind="stable")[:samples]
     keep = keep[distance[keep] > 0.0]
     return np.stack([i[keep], j[keep]], axis=1).astype(np.intp)
 

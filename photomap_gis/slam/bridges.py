@@ -23,6 +23,7 @@ REACH = 40
 CONTRADICTED_SIGMA = 4.5
 SAMPLES_WORTH = 12.0
 BLUNDER_SIGMA = 10.0
+SAMPLES = 100
 
 
 def contradicted_bridges(relative: RelativePoses, edges: EdgeTerms, positions: PositionTerms) -> IntArray:
@@ -118,14 +119,14 @@ def _doubt(t: ComplexArray, positions: PositionTerms, here: IntArray, there: Int
         miss = np.abs(fit.z * points[rows] + fit.t - fixes[rows]) / sigma[rows]
         return np.minimum(miss, BLUNDER_SIGMA) ** 2
 
-    joint = align(points[both], fixes[both], sigma[both])
+    joint = align(points[both], fixes[both], sigma[both], samples=SAMPLES)
     together = np.inf if joint is None else float(squares(joint, both).sum())
     if together * worth <= CONTRADICTED_SIGMA**2:
         return 0.0  # no room for a gain: most bridges end here
-    one = align(points[here], fixes[here], sigma[here])
+    one = align(points[here], fixes[here], sigma[here], samples=SAMPLES)
     if one is None:
         return 0.0
-    other = align(points[there], fixes[there], sigma[there]) if len(there) >= 4 else None
+    other = align(points[there], fixes[there], sigma[there], samples=SAMPLES) if len(there) >= 4 else None
     if other is None:  # too few or too close together: only their place is their own
         off = fixes[there] - one.z * points[there]
         other = Fit(one.z, complex(np.median(off.real), np.median(off.imag)))

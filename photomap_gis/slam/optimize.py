@@ -22,6 +22,7 @@ from photomap_gis.slam.anchor import anchor
 from photomap_gis.slam.bridges import contradicted_bridges
 from photomap_gis.slam.components import IntArray, by_size, component_labels
 from photomap_gis.slam.initial import RelativePoses, relative_poses
+from photomap_gis.slam.lag import lags_by_flight, without_lag
 from photomap_gis.slam.linear import cost
 from photomap_gis.slam.problem import (
     EdgeTerms,
@@ -49,26 +50,15 @@ def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
 
     With fixes, poses are in map metres, and a component without any fix is left out; without, each component of two
     or more frames lies in the frame (pixels) of its first one. Frames with a fix but no accepted edge are placed by
-    their fix alone.
+    their fix alone. Fixes that are late by the same time all along a flight are taken for when they were true.
     """
     minimise = backend_named(backend)
-    frames = np.array(sorted(set(graph.frames)), np.intp)
-    node_of = {int(f): k for k, f in enumerate(frames)}
-    usable = _usable(graph.edges, node_of)
-    edges = edge_terms([graph.edges[k] for k in usable], node_of)
-    kept = np.ones(len(edges), bool)
-    positions, _, _ = position_terms(graph.positions, node_of)
-    for _ in range(MAX_SPLITS):
-        kept, relative = _laid_out(len(frames), edges, kept, positions)
-        labels = relative.labels
-        active = np.flatnonzero(kept)
-        placed = _place(graph, frames, _rows(edges, active), relative, minimise)
-        kept[active[placed.edges[placed.robust.trust.edges <= REJECTED_BELOW]]] = False
-        before, labels = labels, component_labels(len(frames), edges.a[kept], edges.b[kept])
-        if np.array_equal(before, labels):
-            break
-    rejected = np.setdiff1d(np.arange(len(graph.edges)), usable[kept])
-    return _solution(graph, frames, placed, labels, rejected)
+    solution = _solved(graph, minimise)
+    lags = lags_by_flight(solution, graph.positions)
+    if lags:
+        logger.info("fixes are older than their pictures by (s, by flight): %s", lags)
+        solution = _solved(replace(graph, positions=without_lag(solution, graph.positions, lags)), minimise)
+    return solution
 
 
 def backend_named(backend: Backend) -> Minimise:
@@ -90,6 +80,27 @@ class _Placed:
     problem: Problem
     edges: IntArray
     robust: RobustState
+
+
+def _solved(graph: PoseGraph, minimise: Minimise) -> Solution:
+    """Return the solution of the graph as it is; parts that rejected edges leave alone are laid out anew."""
+    frames = np.array(sorted(set(graph.frames)), np.intp)
+    node_of = {int(f): k for k, f in enumerate(frames)}
+    usable = _usable(graph.edges, node_of)
+    edges = edge_terms([graph.edges[k] for k in usable], node_of)
+    kept = np.ones(len(edges), bool)
+    positions, _, _ = position_terms(graph.positions, node_of)
+    for _ in range(MAX_SPLITS):
+        kept, relative = _laid_out(len(frames), edges, kept, positions)
+        labels = relative.labels
+        active = np.flatnonzero(kept)
+        placed = _place(graph, frames, _rows(edges, active), relative, minimise)
+        kept[active[placed.edges[placed.robust.trust.edges <= REJECTED_BELOW]]] = False
+        before, labels = labels, component_labels(len(frames), edges.a[kept], edges.b[kept])
+        if np.array_equal(before, labels):
+            break
+    rejected = np.setdiff1d(np.arange(len(graph.edges)), usable[kept])
+    return _solution(graph, frames, placed, labels, rejected)
 
 
 def _laid_out(

@@ -1,8 +1,8 @@
 """Robust optimisation around a least-squares backend: judge every term by its residual, weigh, minimise, repeat.
 
-Residuals are judged against the spread found in their kind (edges; fixes, flight by flight), never below what is
-claimed: registrations or fixes that are worse than they say widen all alike, and only what stands out of its kind
-is put aside. The spread shrinks as the solution improves, which grades the rejection by itself.
+Residuals are judged against the spread found in their kind (edges; fixes, flight by flight): registrations or fixes
+that are worse than they say widen all alike, and only what stands out of its kind is put aside. The spread shrinks as
+the solution improves, which grades the rejection by itself.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ EDGE_LIMIT = 4.0
 POSITION_LIMIT = 3.5
 HEADING_LIMIT = 3.0
 """Sigmas (of the spread found) beyond which a term loses its weight."""
+LEAST_EDGE_SPREAD = 0.5
+"""Edges that agree among each other far better than they claim, in a graph full of loops, are believed that far."""
 MAX_ROUNDS = 16
 ITERATIONS_A_ROUND = 2
 """Weights and poses converge together: perfect poses for weights that will change are time lost."""
@@ -59,7 +61,7 @@ def optimise(problem: Problem, start: State, trust: Weights, minimise: Minimise)
         edges = squared_distances(edge_residuals(problem, state), problem.edges.information)
         fixes = squared_distances(position_residuals(problem, state), problem.positions.information)
         headings = (heading_residuals(problem, state) / problem.headings.sigma) ** 2
-        edge_spread = spread(edges, 4, redundancy)
+        edge_spread = spread(edges, 4, redundancy, least=LEAST_EDGE_SPREAD if redundancy > 0.5 else 1.0)
         fix_spread = _spread_by_flight(problem, fixes)
         renewed = Weights(
             redescending(edges / edge_spread**2, EDGE_LIMIT),

@@ -25,11 +25,11 @@ def redescending(squared: FloatArray, limit: float) -> FloatArray:
     return np.clip(limit * limit / np.maximum(squared, 1e-300), 1e-6, 1.0) ** 2
 
 
-def spread(squared: FloatArray, dof: int, redundancy: float = 1.0) -> float:
-    """Return by what factor residuals exceed their claimed sigmas (never below 1), from their median.
+def spread(squared: FloatArray, dof: int, redundancy: float = 1.0, *, least: float = 1.0) -> float:
+    """Return by what factor residuals exceed their claimed sigmas (never below ``least``), from their median.
 
     ``redundancy`` is the share of the measurements that the fit has not used up: residuals shrink by its root.
     """
     if not len(squared):
         return 1.0
-    return float(max(1.0, np.sqrt(np.median(squared) / (MEDIAN_CHI2[dof] * max(redundancy, 0.1)))))
+    return float(max(least, np.sqrt(np.median(squared) / (MEDIAN_CHI2[dof] * max(redundancy, 0.1)))))

@@ -1,5 +1,7 @@
 """The whole solution on flights with known truth."""
 
+from dataclasses import replace
+
 import flights as fl
 import numpy as np
 import pytest
@@ -120,3 +122,65 @@ def test_edges_of_nonsense_are_put_aside(rng):
     loop = type(bad)(2, 2, bad.T_a_b, np.eye(4), EdgeKind.LOOP)
     solution = solve(fl.graph(flight, [*edges, bad, loop], fl.fixes(rng, flight)))
     assert set(solution.rejected) == {len(edges), len(edges) + 1}
+
+
+def test_covariances_hold_the_error(rng):
+    """NEES over a few flights with GPS error of every kind: near 1 per degree of freedom."""
+    ratios = []
+    for _ in range(14):
+        flight = fl.lawnmower(rng, 6, 6, dt_s=6.0)
+        solution = solve(fl.graph(flight, fl.edges(rng, flight), fl.fixes(rng, flight)), backend="scipy")
+        for pose in solution.poses[::5]:
+            xi = (pose.T_map_plane.inverse() @ flight.poses[pose.frame]).log()
+            ratios.append(xi @ np.linalg.solve(pose.covariance, xi) / 4.0)
+    assert 0.5 < np.mean(ratios) < 1.8
+
+
+def test_two_flights_share_one_map_and_halve_their_bias(rng):
+    one, two = fl.lawnmower(rng, 4, 6), fl.lawnmower(rng, 4, 6)
+    both = fl.Flight(one.poses + two.poses, np.concatenate([one.times_s, two.times_s + 86400.0]))
+    positions = fl.fixes(rng, one, bias_m=3.0) + [
+        replace(p, time_s=p.time_s + 86400.0) for p in fl.fixes(rng, two, bias_m=3.0, number=1, first=24)
+    ]
+    alone, together = (
+        solve(fl.graph(flight, fl.edges(rng, flight, reach_m=reach), positions[: len(flight.poses)]), backend="scipy")
+        for flight, reach in ((one, 26.0), (both, 26.0))
+    )
+    assert {p.segment for p in together.poses} == {0}
+    assert relative_rmse(both, together) < 0.1
+    sigma = [np.trace(s.pose_of(8).covariance[:2, :2]) for s in (alone, together)]
+    assert sigma[1] < 0.75 * sigma[0]
+
+
+def test_frames_without_fix_follow_their_registrations(rng):
+    flight = fl.lawnmower(rng, 5, 8)
+    positions = [p for p in fl.fixes(rng, flight) if not 10 <= p.frame < 30]
+    solution = solve(fl.graph(flight, fl.edges(rng, flight), positions))
+    assert len(solution.poses) == 40 and relative_rmse(flight, solution) < 0.1
+
+
+def test_a_part_without_any_fix_has_no_place(rng):
+    flight = fl.lawnmower(rng, 4, 8)
+    edges = [e for e in fl.edges(rng, flight) if (e.a < 16) == (e.b < 16)]
+    positions = [p for p in fl.fixes(rng, flight) if p.frame < 16]
+    assert {p.frame for p in solve(fl.graph(flight, edges, positions)).poses} == set(range(16))
+
+
+def test_a_lone_photo_with_height_and_heading_is_placed(rng):
+    flight = fl.lawnmower(rng, 1, 1)
+    graph = fl.graph(flight, [], fl.fixes(rng, flight), fl.heights(rng, flight), fl.yaws(rng, flight))
+    (pose,) = solve(graph).poses
+    assert abs(pose.T_map_plane.log_scale - flight.poses[0].log_scale) < 0.4
+    # nothing tells the scale of one photo with a fix alone
+    assert solve(fl.graph(flight, [], fl.fixes(rng, flight))).poses == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["gtsam", "scipy"])
+def test_the_rubble_pile_630_frames(rng, backend):
+    """The paper's case: 630 frames, 12,364 edges, here with a twentieth of false loops."""
+    flight = fl.lawnmower(rng, 21, 30)
+    edges = fl.edges(rng, flight, reach_m=70.0, limit=11735, false=0.05)
+    solution = solve(fl.graph(flight, edges, fl.fixes(rng, flight, blunders=0.03, dropouts=0.1)), backend=backend)
+    assert len(edges) == 12364 and len(solution.poses) == 630
+    assert relative_rmse(flight, solution) < 0.02
