@@ -49,9 +49,7 @@ def photo_exif(shot: Shot, spec: FlightSpec) -> Image.Exif:
     detail[tag.ExifImageWidth], detail[tag.ExifImageHeight] = camera.width_px, camera.height_px
     focal = camera.focal_px or 1.0
     detail[tag.FocalLength] = _rational(focal * SENSOR_WIDTH_MM / camera.width_px, 1000)
-    # CIPA DC-008: the 35 mm equivalent compares diagonals
-    diagonal = math.hypot(camera.width_px, camera.height_px)
-    detail[tag.FocalLengthIn35mmFilm] = max(1, round(focal * math.hypot(36.0, 24.0) / diagonal))
+    detail[tag.FocalLengthIn35mmFilm] = max(1, round(spec.focal_35mm))
     if spec.report_calibration:
         per_cm = camera.width_px / SENSOR_WIDTH_MM * 10.0
         detail[tag.FocalPlaneXResolution] = detail[tag.FocalPlaneYResolution] = _rational(per_cm, 1000)

@@ -123,3 +123,12 @@ class FlightSpec:
             self.width_px, self.height_px, ideal.focal_px, k1=self.k1, k2=self.k2,
             name="photomap simulated", origin="simulation", focal_sigma_rel=0.0,
         )  # fmt: skip
+
+    @property
+    def focal_35mm(self) -> float:
+        """The 35 mm equivalent of the focal length: CIPA DC-008 compares diagonals, of the sensor.
+
+        A frame wider than 3:2 is taken for the full width of a 3:2 sensor, as drones crop their videos.
+        """
+        sensor_height = max(self.height_px, self.width_px / 1.5)
+        return (self.camera.focal_px or 1.0) * math.hypot(36.0, 24.0) / math.hypot(self.width_px, sensor_height)

@@ -71,11 +71,10 @@ def srt_entry(shot: Shot, spec: FlightSpec, rate_hz: float) -> str:
     """Return one subtitle in the dialect of DJI's Mavic 3: clock, exposure, position, heights, gimbal."""
     begin, end = shot.index / rate_hz, (shot.index + 1) / rate_hz
     clock = datetime.fromtimestamp(shot.time_s, LOCAL_ZONE).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
-    focal_35mm = (spec.camera.focal_px or 1.0) * 36.0 / spec.camera.width_px
     lat, lon, alt = (shot.fix.lat_deg, shot.fix.lon_deg, shot.fix.alt_m or 0.0) if shot.fix else (0.0, 0.0, 0.0)
     words = [
         f"[iso: 100] [shutter: 1/{1000.0 / max(spec.imaging.exposure_ms, 0.01):.1f}] [fnum: 2.8] [ev: 0]",
-        f"[color_md: default] [focal_len: {focal_35mm:.2f}]",
+        f"[color_md: default] [focal_len: {spec.focal_35mm:.2f}]",
         f"[latitude: {lat:.6f}] [longitude: {lon:.6f}]",
     ]
     if shot.relative_height_m is not None:
