@@ -24,6 +24,8 @@ logger = logging.getLogger(__name__)
 
 WORKING_SIDE_PX = 512
 CONTENDERS = 5
+ALTERNATIVE = 0.7
+"""Leads at least so strong, as a share of the winner, are handed out as alternatives."""
 CLEAR = 25.0
 """A lead whose tiles speak this clearly (signal over scatter) needs no further search."""
 
@@ -107,6 +109,9 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
     rivals = [r for r in leads[1:] if _distance_px(r.T_a_b, best.T_a_b, b) >= apart_px]
     measured = measure(a, b, best)
     tiles = measured.tiles
+    moved = _moved_by_period(measured)
+    if moved is not None and prior is not None and not prior.admits(moved, b.size_px):
+        moved = None  # the prior knows which of the periods it is
     evidence = Evidence(
         correlation=measured.agreement.correlation,
         overlap=measured.agreement.overlap,
@@ -118,7 +123,7 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         agreeing=measured.agreeing,
         blocks=measured.blocks,
         contender=rivals[0].strength / max(best.strength, 1e-6) if rivals else 0.0,
-        repeats=measured.repeat is not None and measured.repeat.ambiguous,
+        repeats=moved is not None,
     )
     probability = probability_of(evidence)
     if prior is not None and not prior.admits(measured.T_a_b, b.size_px):
@@ -134,19 +139,21 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         method=method,
         overlap=measured.agreement.overlap,
         correlation=measured.agreement.correlation,
-        alternatives=_alternatives(measured, rivals, 0.7 * best.strength),
+        alternatives=(
+            *(r.T_a_b for r in rivals if r.strength > ALTERNATIVE * best.strength),
+            *(() if moved is None else (moved,)),
+        ),
         a=a.index,
         b=b.index,
     )
 
 
-def _alternatives(measured: Measured, rivals: list[Lead], strength: float) -> tuple[Similarity2D, ...]:
-    """Return the motions that may as well be right: strong rivals, and the motion moved by the ground's period."""
-    others = [r.T_a_b for r in rivals if r.strength > strength]
-    if measured.repeat is not None and measured.repeat.ambiguous:
-        shift = Similarity2D.translation_of(measured.repeat.dx_px, measured.repeat.dy_px)
-        others.append(shift @ measured.T_a_b)
-    return tuple(others)
+def _moved_by_period(measured: Measured) -> Similarity2D | None:
+    """Return the motion that is as likely because the ground repeats itself, ``None`` where there is none."""
+    repeat = measured.repeat
+    if repeat is None or not repeat.ambiguous:
+        return None
+    return Similarity2D.translation_of(repeat.dx_px, repeat.dy_px) @ measured.T_a_b
 
 
 def _nothing(a: Spectrum, b: Spectrum, prior: Prior | None, method: str) -> Registration:

@@ -23,7 +23,7 @@ LEAST_REPEAT = 0.3
 """A frame's correlation with itself, away from zero shift, from which on a period is worth asking."""
 NEAREST_PX = 4.0
 MOST_PERIODS = 3
-RIVAL_STRENGTH = 0.7
+RIVAL_STRENGTH = 0.85
 WHOLLY_PERIODIC = 0.85
 
 
