@@ -198,7 +198,11 @@ def position_terms(
 ) -> tuple[PositionTerms, DriftTerms, FloatArray]:
     """Return the fixes, their Gauss-Markov chains (one a flight, in order of time) and one bias sigma a flight."""
     kept = sorted(
-        (o for o in observations if o.frame in node_of and np.isfinite(o.xy_map_m).all()),
+        (
+            o
+            for o in observations
+            if o.frame in node_of and np.isfinite([*o.xy_map_m, *np.ravel(o.covariance_m2)]).all()
+        ),
         key=lambda o: (o.flight, math.inf if o.time_s is None else o.time_s, o.frame),
     )
     previous: list[int] = []
@@ -212,7 +216,7 @@ def position_terms(
             continue
         f, sigma = 0.0, o.correlated_sigma_m
         if last is not None and last.flight == o.flight and last.time_s is not None:
-            f = math.exp(-max(o.time_s - last.time_s, 0.0) / o.correlation_time_s)
+            f = math.exp(-max(o.time_s - last.time_s, 0.0) / max(o.correlation_time_s, 1e-3))
             sigma = max(sigma * math.sqrt(1.0 - f * f), MIN_DRIFT_STEP_M)
         drift.append(len(previous))
         previous.append(len(previous) - 1 if f > 0.0 else -1)
