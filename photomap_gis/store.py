@@ -18,11 +18,8 @@ A killed run leaves at worst a journal whose last line is cut: it is dropped whe
 
 from __future__ import annotations
 
-import json
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Generic, TypeVar
@@ -36,6 +33,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.publish import write_file
 
 T = TypeVar("T")
 
@@ -253,7 +251,7 @@ class Mission:
 
     def save_header(self, header: MissionHeader) -> None:
         """Replace ``mission.json``."""
-        write_atomically(self.folder / "mission.json", _adapter(MissionHeader).dump_json(header, indent=1))
+        write_file(self.folder / "mission.json", _adapter(MissionHeader).dump_json(header, indent=1))
         self.header = header
 
     def add_footage(self, footage: Footage) -> None:
@@ -263,7 +261,7 @@ class Mission:
 
     def save_solution(self, solution: SolutionRecord) -> None:
         """Replace ``solution.json``."""
-        write_atomically(self.folder / "solution.json", _adapter(SolutionRecord).dump_json(solution))
+        write_file(self.folder / "solution.json", _adapter(SolutionRecord).dump_json(solution))
 
     def load_solution(self) -> SolutionRecord:
         """Return the newest solution; ``DataError`` where the mission was never solved."""
@@ -286,48 +284,6 @@ class Mission:
     def mosaic_folder(self, segment: int = 0) -> Path:
         """Where a map's tiles lie; segments beyond the first occur in maps without GPS only."""
         return self.folder / ("mosaic" if segment == 0 else f"mosaic-{segment + 1}")
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside ``path``; on success it takes the place of ``path``, else it is removed.
-
-    Raises ``OutputError`` where the folder cannot be written or the disk is full.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
-        # mkstemp gives 0600; outputs are for others to read
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}; choose another place by -o") from error
-    try:
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}; free or choose another disk") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a small file whole or not at all."""
-    with replacing(path) as temporary:
-        temporary.write_bytes(content)
-
-
-def read_json(path: Path) -> Any:
-    """Return a JSON file's content, ``DataError`` where it is not one."""
-    try:
-        return json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path} cannot be read as JSON: {error}") from error
 
 
 def _adapter(kind: type[T]) -> TypeAdapter[T]:

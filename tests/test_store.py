@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photomap_gis.core.camera import Camera
-from photomap_gis.core.errors import DataError, OutputError, UsageError
+from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import Attitude, Flight, Footage, FrameRef, FrameStatus, GpsFix
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.measurement import Registration
@@ -19,8 +19,6 @@ from photomap_gis.store import (
     PreparedFrame,
     RegistrationRecord,
     SolutionRecord,
-    replacing,
-    write_atomically,
 )
 
 HEADER = MissionHeader(("photos",), {"crs": None}, MapFrame("WKT", 5e5, 4e6), "2026-11-22T00:00:00Z", "photomap 0")
@@ -101,23 +99,3 @@ def test_another_layout_is_refused(tmp_path):
     path.write_text(path.read_text().replace('"schema": 1', '"schema": 99'))
     with pytest.raises(DataError, match="layout 99"):
         Mission.open(tmp_path)
-
-
-def test_replacing_leaves_the_old_file_on_failure(tmp_path):
-    target = tmp_path / "a.txt"
-    write_atomically(target, b"old")
-    with pytest.raises(RuntimeError), replacing(target) as temporary:
-        temporary.write_bytes(b"half")
-        raise RuntimeError
-    assert target.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
-def test_a_full_disk_is_an_output_error(tmp_path):
-    target = tmp_path / "a.txt"
-    with pytest.raises(OutputError, match="disk"), replacing(target):
-        raise OSError(28, "No space left on device")
-    assert not list(tmp_path.iterdir())
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(OutputError, match="-o"):
-        write_atomically(tmp_path / "file" / "below.txt", b"x")

@@ -58,8 +58,8 @@ def write_mbtiles(
         "description": description,
         "attribution": attribution,
     }
+    count = 0
     with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary:
-        count = 0
         with _database(temporary, path) as db:
             db.executescript(_SCHEMA)
             db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")

@@ -1,147 +1,16 @@
-"""Where every output meets the disk: written in a workspace beside its place, synced, checked, then moved in whole.
-
-A killed or failed run leaves the old output as it was. Failures of the disk become an ``OutputError`` that says what to
-do.
-"""
+"""Publishing with GDAL as the writer: its failures are told like those of the disk."""
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from functools import partial
 
-from rasterio._err import CPLE_BaseError  # some of GDAL's errors come unwrapped
+from rasterio._err import CPLE_BaseError  # rasterio lets some of GDAL's own errors through
 from rasterio.errors import RasterioError
 
-from photomap_gis.core.errors import DataError, OutputError
+from photomap_gis import publish
 
-_SCRATCH_PREFIX = ".photomap-"
-_NEARLY_FULL_BYTES = 4 << 20
-_NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
-_NO_SPACE = {errno.ENOSPC, errno.EDQUOT} if hasattr(errno, "EDQUOT") else {errno.ENOSPC}
+_FAILURES = (RasterioError, CPLE_BaseError)
 
-
-@contextlib.contextmanager
-def file_in_place_of(
-    path: Path, check: Callable[[Path], None] | None = None, *, side_suffixes: tuple[str, ...] = ()
-) -> Iterator[Path]:
-    """Yield a name to write to; on leaving, sync it, ``check`` it, and move it to ``path``.
-
-    The yielded file lies in a fresh scratch folder beside ``path``, so side files of a library may lie there too; all
-    of it vanishes where anything fails. ``check`` re-opens the file and raises ``OutputError`` where it is not sound.
-    Files named like the output plus one of ``side_suffixes`` go with it: new ones are moved along, old ones removed,
-    since they describe what is no more.
-    """
-    if path.is_dir():
-        raise OutputError(f"{path} is a folder: name a file for the output")
-    with _scratch_beside(path) as folder:
-        temporary = folder / path.name
-        yield temporary
-        _sync(temporary)
-        if check is not None:
-            check(temporary)
-        _replace(temporary, path)
-        for suffix in side_suffixes:
-            side = temporary.with_name(f"{path.name}{suffix}")
-            if side.exists():
-                _replace(side, path.with_name(side.name))
-            else:
-                path.with_name(side.name).unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def folder_in_place_of(path: Path, *, ours: Callable[[Path], bool]) -> Iterator[Path]:
-    """Yield an empty folder to fill; on leaving, move it to ``path`` and remove what was there.
-
-    An existing folder is replaced only where it is empty or ``ours`` says that an earlier export wrote it: a user who
-    names his home folder must not lose it.
-    """
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"{path} is a file: name a folder for the output")
-    if path.is_dir() and any(path.iterdir()) and not ours(path):
-        raise OutputError(f"{path} holds other files: name a new folder, or empty this one")
-    with _scratch_beside(path) as scratch:
-        fresh = scratch / "new"
-        fresh.mkdir()
-        yield fresh
-        if path.exists():
-            path.rename(scratch / "old")
-        try:
-            fresh.rename(path)
-        except BaseException:
-            if (scratch / "old").exists():
-                (scratch / "old").rename(path)
-            raise
-        _sync_folder(path.parent)
-
-
-@contextlib.contextmanager
-def output_errors(path: Path) -> Iterator[None]:
-    """Turn failures of the disk or of a writer within the block into an ``OutputError`` about ``path``."""
-    try:
-        yield
-    except OSError as error:
-        if isinstance(error, RasterioError):
-            raise _writer_failed(path, error) from error
-        raise OutputError(_os_message(path, error)) from error
-    except (RasterioError, CPLE_BaseError) as error:
-        raise _writer_failed(path, error) from error
-
-
-@contextlib.contextmanager
-def _scratch_beside(path: Path) -> Iterator[Path]:
-    parent = path.parent
-    if not parent.is_dir():
-        raise OutputError(f"{path} cannot be written: the folder {parent} does not exist; create it or choose another")
-    with output_errors(path):
-        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH_PREFIX, dir=parent))
-        try:
-            yield folder
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _os_message(path: Path, error: OSError) -> str:
-    if error.errno in _NO_SPACE:
-        return f"{path} cannot be written: the disk is full; free some space or choose another place"
-    if error.errno in _NO_RIGHT:
-        return (
-            f"{path} cannot be written: the place is read-only or the file is in use; choose another place, "
-            "or close the program that shows it"
-        )
-    return f"{path} cannot be written: {error.strerror or error}; choose another place"
-
-
-def _writer_failed(path: Path, error: Exception) -> DataError:
-    # GDAL seldom says that a disk is full, so ask the disk.
-    with contextlib.suppress(OSError):
-        if shutil.disk_usage(path.parent).free < _NEARLY_FULL_BYTES:
-            return OutputError(f"{path} cannot be written: the disk is full; free some space or choose another place")
-    reason = " ".join(str(error.__cause__ or error).split())
-    return OutputError(f"{path} cannot be written: {reason}; check the disk, or choose another place")
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
-def _replace(temporary: Path, path: Path) -> None:
-    temporary.replace(path)
-    _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    if os.name != "posix":
-        return
-    # The rename itself must outlive a power cut; some network disks cannot sync a folder, and then nothing can.
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+file_in_place_of = partial(publish.file_in_place_of, failures=_FAILURES)
+folder_in_place_of = partial(publish.folder_in_place_of, failures=_FAILURES)
+output_errors = partial(publish.output_errors, failures=_FAILURES)

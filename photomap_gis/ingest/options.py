@@ -30,8 +30,8 @@ class IngestOptions:
     """Choices for reading sources.
 
     ``track`` is a telemetry file for all sources; ``track_offset_s`` is added to the track's clock to reach the
-    camera's (``None``: found by the tool). ``hfov_deg`` and ``focal_35mm`` override the lens; ``frame_rate_hz`` is how many
-    frames a second of a video enter the map (``None``: chosen from speed, height and field of view).
+    camera's (``None``: found by the tool). ``hfov_deg`` and ``focal_35mm`` override the lens;
+    ``frame_rate_hz`` is how many frames a second of a video enter the map (``None``: by speed, height, field of view).
     """
 
     track: Path | None = None

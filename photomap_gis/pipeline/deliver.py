@@ -18,7 +18,8 @@ from photomap_gis.mosaic import TileStore
 from photomap_gis.pipeline.draw import DrawnMap
 from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solve import Solved
-from photomap_gis.store import Mission, replacing
+from photomap_gis.publish import file_in_place_of
+from photomap_gis.store import Mission
 
 
 class Format(StrEnum):
@@ -222,8 +223,7 @@ def _tags(solved: Solved) -> dict[str, str]:
 
 def copy_as(source: Path, target: Path) -> None:
     """Give a file a second name: a hard link where the disk can, else a copy; replaced whole."""
-    with replacing(target) as temporary:
-        temporary.unlink()
+    with file_in_place_of(target) as temporary:
         try:
             os.link(source, temporary)
         except OSError:

@@ -46,7 +46,7 @@ def draw_maps(mission: Mission, solved: Solved, settings: MapSettings, on_progre
         )
         return DrawnMap(store, segment, seen_area(store))
 
-    if not solved.trajectory.placements:
+    if not solved.segment_numbers:
         raise DataError(solved.why_nothing)
     if solved.georeferenced:
         return [draw(0, solved.trajectory, None)]

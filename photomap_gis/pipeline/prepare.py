@@ -23,7 +23,8 @@ from photomap_gis.ifmi.working import to_grey
 from photomap_gis.ingest import read_frame, read_frames
 from photomap_gis.parallel import map_jobs
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.store import Mission, PreparedFrame, write_atomically
+from photomap_gis.publish import write_file
+from photomap_gis.store import Mission, PreparedFrame
 
 logger = logging.getLogger(__name__)
 
@@ -149,7 +150,7 @@ def _keep_video_frame(mission: Mission, frame: Frame) -> None:
     ok, jpeg = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _VIDEO_JPEG_QUALITY])
     if not ok:
         raise OutputError(f"cannot encode frame {frame.ref.name}")
-    write_atomically(mission.video_frame_path(frame.ref.index), jpeg.tobytes())
+    write_file(mission.video_frame_path(frame.ref.index), jpeg.tobytes())
 
 
 def _keep_working(mission: Mission, frame: int, grey: ImageArray, mask: npt.NDArray[np.bool_] | None) -> None:
@@ -159,7 +160,7 @@ def _keep_working(mission: Mission, frame: int, grey: ImageArray, mask: npt.NDAr
     if not ok:
         raise OutputError(f"cannot encode the working image of frame {frame}")
     path = mission.work_image_path(frame)
-    write_atomically(path.with_suffix(".masked.png") if mask is not None else path, png.tobytes())
+    write_file(path.with_suffix(".masked.png") if mask is not None else path, png.tobytes())
 
 
 def _load_working(mission: Mission, frame: int) -> tuple[ImageArray, npt.NDArray[np.bool_] | None]:

@@ -6,8 +6,9 @@ import shutil
 
 import pytest
 
+from photomap_gis import publish
 from photomap_gis.core.errors import OutputError
-from photomap_gis.export import publish, write_geotiff, write_kmz, write_mbtiles, write_poses, write_tiles
+from photomap_gis.export import write_geotiff, write_kmz, write_mbtiles, write_poses, write_tiles
 from photomap_gis.export.poses import PoseRow
 from photomap_gis.export.publish import file_in_place_of, folder_in_place_of
 
