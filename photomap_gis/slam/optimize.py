@@ -34,7 +34,7 @@ from photomap_gis.slam.problem import (
     edge_terms,
     position_terms,
 )
-from photomap_gis.slam.reweight import Minimise, RobustState, optimise
+from photomap_gis.slam.reweight import Minimise, RobustState, optimise, repetition
 from photomap_gis.slam.robust import REJECTED_BELOW
 
 logger = logging.getLogger(__name__)
@@ -161,7 +161,8 @@ def _solution(
     problem, robust = placed.problem, placed.robust
     if not problem.n_nodes:
         return Solution((), 0.0, tuple(int(k) for k in rejected), graph.revision)
-    covariances = scipy_backend.pose_covariances(problem, robust.state, robust.effective)
+    worth = robust.effective.positions / repetition(problem, robust.state)
+    covariances = scipy_backend.pose_covariances(problem, robust.state, replace(robust.effective, positions=worth))
     segments = by_size(np.unique(labels[placed.nodes], return_inverse=True)[1])
     poses = tuple(
         Pose(int(frames[node]), robust.state.pose(k), covariances[k], int(segments[k]))

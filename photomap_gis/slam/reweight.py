@@ -21,6 +21,12 @@ EDGE_LIMIT = 4.0
 POSITION_LIMIT = 3.5
 HEADING_LIMIT = 3.0
 """Sigmas (of the spread found) beyond which a term loses its weight."""
+MIN_JUDGED = 8
+"""A flight of fewer fixes says nothing of their spread."""
+BEYOND_MODEL = 1.5
+"""Spread from which fixes miss the map by more than noise, drift and bias explain."""
+MAX_ALIKE = 0.95
+"""Correlation of neighbouring misses that is believed at most."""
 LEAST_EDGE_SPREAD = 0.5
 """Edges that agree among each other far better than they claim, in a graph full of loops, are believed that far."""
 MAX_ROUNDS = 16
@@ -94,6 +100,28 @@ def _spread_by_flight(problem: Problem, squared: FloatArray) -> FloatArray:
     out = np.full(len(squared), spread(squared, 2))
     for f in np.unique(flight):
         rows = flight == f
-        if rows.sum() >= 8:
+        if rows.sum() >= MIN_JUDGED:
             out[rows] = spread(squared[rows], 2)
+    return out
+
+
+def repetition(problem: Problem, state: State) -> FloatArray:
+    """``(P,)`` by what factor a fix's flight has fewer independent fixes than it has fixes, where they miss the map.
+
+    Fixes that miss by more than they say, neighbours alike (an unlevelled camera that banks, a receiver that lags),
+    do not average out: with correlation r of neighbours, n of them are worth ``n (1 - r) / (1 + r)``. Fixes that fit
+    as well as they say have their drift modelled, and count in full.
+    """
+    residuals = position_residuals(problem, state)
+    squared = squared_distances(residuals, problem.positions.information)
+    out = np.ones(len(squared))
+    for f in np.unique(problem.positions.flight):
+        rows = np.flatnonzero(problem.positions.flight == f)
+        if len(rows) < MIN_JUDGED or spread(squared[rows], 2) < BEYOND_MODEL:
+            continue
+        rows = rows[np.argsort(problem.positions.node[rows])]
+        miss = residuals[rows]
+        alike = float(np.sum(miss[1:] * miss[:-1]) / np.sum(miss * miss))
+        alike = min(max(alike, 0.0), MAX_ALIKE)
+        out[rows] = (1.0 + alike) / (1.0 - alike)
     return out
