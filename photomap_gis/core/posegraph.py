@@ -7,6 +7,7 @@ its angle the heading (clockwise from grid north) of the image's upper edge.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -110,7 +111,8 @@ class Solution:
     """What the solver returns: a pose for every frame that the graph ties to something.
 
     ``segments`` are numbered by size, the largest 0: within one, frames are tied to each other by registrations.
-    ``rejected`` are indices into ``graph.edges`` of the edges that the robust solver put aside.
+    ``rejected`` are indices into ``graph.edges`` of the edges that the robust solver put aside. ``fix_lags_s`` tells by
+    flight how much older its fixes were found to be than its pictures; they were corrected for it.
     """
 
     poses: tuple[Pose, ...]
@@ -118,6 +120,7 @@ class Solution:
     rejected: tuple[int, ...] = ()
     revision: int = 0
     fit_to_gps_rms_m: float | None = None
+    fix_lags_s: Mapping[int, float] = field(default_factory=dict)
 
     def pose_of(self, frame: int) -> Pose | None:
         """Return the pose of a frame, or ``None``."""

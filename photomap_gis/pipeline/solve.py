@@ -199,7 +199,7 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        _warnings(frames, map_frame),
+        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s)),
     )
 
 
@@ -207,6 +207,14 @@ def plane_outline(view: PlaneView) -> FloatArray:
     """``(4, 2)`` the raster's corners in its plane."""
     w, h = view.camera.width_px, view.camera.height_px
     return view.to_plane([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
+
+
+def _lag_warnings(mission: Mission, lags_s: Mapping[int, float]) -> list[str]:
+    names = {f.id: f.name for f in mission.flights}
+    return [
+        f"{names.get(flight, flight)}: by the motion seen, positions were {lag:+.1f} s older than their pictures; corrected"
+        for flight, lag in sorted(lags_s.items())
+    ]
 
 
 def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...]:

@@ -58,6 +58,7 @@ def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
     if lags:
         logger.info("fixes are older than their pictures by (s, by flight): %s", lags)
         solution = _solved(replace(graph, positions=without_lag(solution, graph.positions, lags)), minimise)
+        solution = replace(solution, fix_lags_s=lags)
     return solution
 
 
