@@ -59,19 +59,18 @@ def write_mbtiles(
         "attribution": attribution,
     }
     count = 0
-    with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary:
-        with _database(temporary, path) as db:
-            db.executescript(_SCHEMA)
-            db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-            db.executemany("INSERT INTO metadata VALUES (?, ?)", metadata.items())
-            for key, data in plan.encoded(tile_format, on_progress):
-                row = (1 << key.zoom) - 1 - key.y
-                db.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (key.zoom, key.x, row, data))
-                count += 1
-            if count == 0:
-                raise OutputError(f"{path} was not written: the map shows nothing")
-            db.commit()
-            db.executescript(_INDEXES)
+    with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary, _database(temporary, path) as db:
+        db.executescript(_SCHEMA)
+        db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+        db.executemany("INSERT INTO metadata VALUES (?, ?)", metadata.items())
+        for key, data in plan.encoded(tile_format, on_progress):
+            row = (1 << key.zoom) - 1 - key.y
+            db.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (key.zoom, key.x, row, data))
+            count += 1
+        if count == 0:
+            raise OutputError(f"{path} was not written: the map shows nothing")
+        db.commit()
+        db.executescript(_INDEXES)
     return count
 
 

@@ -211,10 +211,8 @@ def plane_outline(view: PlaneView) -> FloatArray:
 
 def _lag_warnings(mission: Mission, lags_s: Mapping[int, float]) -> list[str]:
     names = {f.id: f.name for f in mission.flights}
-    return [
-        f"{names.get(flight, flight)}: by the motion seen, positions were {lag:+.1f} s older than their pictures; corrected"
-        for flight, lag in sorted(lags_s.items())
-    ]
+    words = "{}: positions were {:+.1f} s older than the pictures by the motion seen; corrected"
+    return [words.format(names.get(flight, flight), lag) for flight, lag in sorted(lags_s.items())]
 
 
 def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...]:
