@@ -84,6 +84,7 @@ class RegistrationRecord:
     overlap: float
     correlation: float
     alternatives: tuple[Similarity2D, ...] = ()
+    H_a_b: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, r: Registration, kind: EdgeKind) -> RegistrationRecord:
@@ -91,6 +92,7 @@ class RegistrationRecord:
         return cls(
             r.a, r.b, kind, r.T_a_b, tuple(float(v) for v in r.covariance.ravel()), float(r.probability), r.size_b_px,
             float(r.model_sigma_px), bool(r.accepted), r.method, float(r.overlap), float(r.correlation), r.alternatives,
+            None if r.H_a_b is None else tuple(float(v) for v in r.H_a_b.ravel()),
         )  # fmt: skip
 
     @property
@@ -99,6 +101,7 @@ class RegistrationRecord:
         return Registration(
             self.T_a_b, _square(self.covariance), self.probability, self.size_b_px, self.model_sigma_px, self.accepted,
             self.method, self.overlap, self.correlation, self.alternatives, self.a, self.b,
+            None if self.H_a_b is None else np.array(self.H_a_b).reshape(3, 3),
         )  # fmt: skip
 
 
@@ -113,6 +116,7 @@ class PlacementRecord:
     method: str = ""
     T_map_plane: Similarity2D | None = None
     covariance: tuple[float, ...] | None = None
+    ground_slope: tuple[float, float] = (0.0, 0.0)
 
     @property
     def covariance_matrix(self) -> FloatArray:

@@ -99,16 +99,19 @@ class PlaneView:
 
     ``R_level_camera`` is ``(3, 3)``; the identity where the attitude is unknown: then the plane's origin is the
     principal point. Where the focal length is unknown the plane is the raster itself, its origin moved to the centre.
+    ``ground_slope`` is the rise of the ground per unit along the plane's x and y: on an even slope the plane is still
+    a scaled and turned picture of the ground, seen from above.
     """
 
     camera: Camera
     R_level_camera: FloatArray
+    ground_slope: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         r = np.array(self.R_level_camera, dtype=np.float64)
         if r.shape != (3, 3):
             raise ValueError(f"R_level_camera must be (3, 3), got {r.shape}")
-        if self.camera.focal_px is None and not np.array_equal(r, np.eye(3)):
+        if self.camera.focal_px is None and not (np.array_equal(r, np.eye(3)) and self.ground_slope == (0.0, 0.0)):
             raise ValueError("a camera without a focal length cannot be levelled")
         r.setflags(write=False)
         object.__setattr__(self, "R_level_camera", r)
@@ -120,10 +123,23 @@ class PlaneView:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether pixels and plane differ by a shift only (no tilt, no distortion)."""
-        return bool(np.array_equal(self.R_level_camera, np.eye(3))) and (
-            self.camera.focal_px is None or not self.camera.is_distorted
+        """Whether pixels and plane differ by a shift only (no tilt, no slope, no distortion)."""
+        return (
+            self.ground_slope == (0.0, 0.0)
+            and bool(np.array_equal(self.R_level_camera, np.eye(3)))
+            and (self.camera.focal_px is None or not self.camera.is_distorted)
         )
+
+    @property
+    def _plane_from_camera(self) -> FloatArray:
+        """``(3, 3)`` takes rays of the camera to homogeneous points of the plane: levels, then divides by the depth.
+
+        Ground that rises by the slope is nearer: a levelled ray (x, y, 1) meets it at 1 / (1 + slope . (x, y)) of the
+        height.
+        """
+        m = self.R_level_camera.copy()
+        m[2] += self.ground_slope[0] * m[0] + self.ground_slope[1] * m[1]
+        return m
 
     def to_plane(self, xy_px: npt.ArrayLike) -> FloatArray:
         """Map ``(N, 2)`` pixels to the plane; NaN for rays at or above the horizon."""
@@ -132,7 +148,7 @@ class PlaneView:
         if f is None or self.is_rigid:
             return p
         n = self.camera.undistort(p / f)
-        rays = np.concatenate([n, np.ones((*n.shape[:-1], 1))], axis=-1) @ self.R_level_camera.T
+        rays = np.concatenate([n, np.ones((*n.shape[:-1], 1))], axis=-1) @ self._plane_from_camera.T
         depth = np.where(rays[..., 2:] > 1e-6, rays[..., 2:], np.nan)
         return f * rays[..., :2] / depth
 
@@ -142,7 +158,7 @@ class PlaneView:
         c, f = self.camera.principal_xy_px, self.camera.focal_px
         if f is None or self.is_rigid:
             return q + c
-        rays = np.concatenate([q / f, np.ones((*q.shape[:-1], 1))], axis=-1) @ self.R_level_camera
+        rays = np.concatenate([q / f, np.ones((*q.shape[:-1], 1))], axis=-1) @ np.linalg.inv(self._plane_from_camera).T
         depth = np.where(rays[..., 2:] > 1e-6, rays[..., 2:], np.nan)
         n = rays[..., :2] / depth
         if self.camera.is_distorted:

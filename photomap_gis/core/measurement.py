@@ -16,7 +16,8 @@ class Registration:
     ``T_a_b`` maps pixels (x, y) of image b into image a; (0, 0) is the centre of the top-left pixel. ``covariance`` is
     ``(4, 4)``, of ``xi`` in ``T_true = T Exp(xi)``, order ``DOF``, about the **image centre** of b in b's pixels.
     ``model_sigma_px`` is what a similarity cannot express (tilt, relief), per axis in b's pixels, apart from the
-    covariance. A poor registration is still a registration: wide covariance, low ``probability``.
+    covariance. ``H_a_b`` is the homography, ``(3, 3)`` between the same pixels, that also holds what of it is tilt or
+    slope, where that was measured. A poor registration is still a registration: wide covariance, low ``probability``.
     """
 
     T_a_b: Similarity2D
@@ -31,6 +32,7 @@ class Registration:
     alternatives: tuple[Similarity2D, ...] = field(default=())
     a: int = -1
     b: int = -1
+    H_a_b: FloatArray | None = None
 
     def __post_init__(self) -> None:
         c = np.array(self.covariance, dtype=np.float64)

@@ -29,7 +29,8 @@ class Edge:
     """A measured motion ``T_a_b`` between the planes of frames a and b.
 
     ``covariance`` is ``(4, 4)`` about the origin of plane b (``T_true = T Exp(xi)``) and holds everything: the
-    registration's noise and what a similarity cannot express.
+    registration's noise and what a similarity cannot express. ``ground_slope`` is the rise of the shared ground per
+    unit along plane a's x and y where the pair told it: ``T_a_b`` then is between planes that know the slope.
     """
 
     a: int
@@ -40,6 +41,7 @@ class Edge:
     probability: float = 1.0
     overlap: float = 0.0
     method: str = "ifmi"
+    ground_slope: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

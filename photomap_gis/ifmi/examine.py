@@ -60,6 +60,7 @@ class Measured:
     tiles: TilePulses | None
     agreement: Agreement
     repeat: Repeat | None = None
+    H_a_b: FloatArray | None = None
 
 
 def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
@@ -118,6 +119,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
         tiles=tile_pulses(floor_a, floor_b, H_a_b),
         agreement=agreement(floor_a, floor_b, T),
         repeat=closest_repeat(floor_a, floor_b, H_a_b),
+        H_a_b=H_a_b,
     )
 
 

@@ -82,6 +82,7 @@ def register_images(
         model_sigma_px=r.model_sigma_px * k,
         size_b_px=(b.shape[1], b.shape[0]),
         alternatives=tuple(carried(T) for T in r.alternatives),
+        H_a_b=None if r.H_a_b is None else T_a_worka.matrix @ r.H_a_b @ T_b_workb.inverse().matrix,
     )
 
 
@@ -145,6 +146,7 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         ),
         a=a.index,
         b=b.index,
+        H_a_b=measured.H_a_b,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
@@ -16,9 +16,10 @@ from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
-from photomap_gis.slam import GraphBuilder, placements, solve
-from photomap_gis.store import Mission, PlacementRecord, SolutionRecord
+from photomap_gis.slam import GraphBuilder, looks_level, placements, sloped_motion, slopes_of_frames, solve
+from photomap_gis.store import Mission, PlacementRecord, PreparedFrame, RegistrationRecord, SolutionRecord
 
+FLAT = (0.0, 0.0)
 PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 
@@ -110,9 +111,8 @@ class Solved:
                 return PlacementRecord(ref.index, status, reason)
             assert isinstance(p.camera_to_map, PlanePlacement)
             covariance = tuple(float(v) for v in p.pose_covariance.ravel())
-            return PlacementRecord(
-                ref.index, status, reason, p.segment, p.method, p.camera_to_map.T_map_plane, covariance
-            )
+            view, T = p.camera_to_map.view, p.camera_to_map.T_map_plane
+            return PlacementRecord(ref.index, status, reason, p.segment, p.method, T, covariance, view.ground_slope)
 
         summary = {
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
@@ -132,7 +132,7 @@ class Solved:
                 r.frame,
                 refs[r.frame].width_px,
                 refs[r.frame].height_px,
-                PlanePlacement(plane_view(refs[r.frame]), r.T_map_plane),
+                PlanePlacement(replace(plane_view(refs[r.frame]), ground_slope=r.ground_slope), r.T_map_plane),
                 r.covariance_matrix,
                 r.status,
                 r.segment or 0,
@@ -163,17 +163,23 @@ def solve_mission(
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     usable = [f for f in frames if prepared[f.index].usable]
+    level = _levelled({f.index: f for f in usable}, measurements.accepted, prepared)
     builder = GraphBuilder()
     for ref in usable:
         builder.add_frame(ref.index)
     for r in measurements.accepted:
-        builder.add_registration(r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, kind=r.kind)
+        builder.add_registration(
+            r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, kind=r.kind,
+            level_focal_px=(level[r.a], level[r.b]) if {r.a, r.b} <= level.keys() else None,
+        )  # fmt: skip
     if map_frame.crs_wkt is not None:
         seen = observe(usable, map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
     graph = builder.snapshot()
     solution = solve(graph)
     predicted = accuracy(solution, graph)
+    slopes = slopes_of_frames(graph.edges)
+    views = {f: replace(view, ground_slope=slopes.get(f, FLAT)) for f, view in views.items()}
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
@@ -201,6 +207,29 @@ def solve_mission(
         None if predicted is None else predicted.predicted_ce90_m,
         (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s)),
     )
+
+
+def _levelled(
+    refs: Mapping[int, FrameRef], accepted: Sequence[RegistrationRecord], prepared: Mapping[int, PreparedFrame]
+) -> dict[int, float]:
+    """Return the focal lengths of the frames whose planes are known to be level.
+
+    They are where the attitude is reported, and in flights whose own pictures show that the camera stood level.
+    """
+    focal = {i: f.camera.focal_px for i, f in refs.items() if f.camera is not None and f.camera.focal_px is not None}
+    level = {i: px for i, px in focal.items() if refs[i].attitude is not None}
+    for flight in {refs[i].flight for i in focal.keys() - level.keys()}:
+        frames = {i for i in focal.keys() - level.keys() if refs[i].flight == flight}
+        motions = (
+            sloped_motion(
+                r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, (focal[r.a], focal[r.b])
+            )
+            for r in accepted
+            if {r.a, r.b} <= frames
+        )
+        if looks_level(m for m in motions if m is not None):
+            level |= {i: focal[i] for i in frames}
+    return level
 
 
 def plane_outline(view: PlaneView) -> FloatArray:

@@ -17,6 +17,7 @@ from photomap_gis.core.posegraph import (
     ScaleObservation,
 )
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.slam.slope import SlopedMotion, fit_slope
 
 OVERLAP_SAMPLES = 9
 MIN_SIGMA_PX = 0.02
@@ -59,15 +60,18 @@ class GraphBuilder:
         T_planea_worka: Similarity2D,
         T_planeb_workb: Similarity2D,
         kind: EdgeKind = EdgeKind.SEQUENTIAL,
+        *,
+        level_focal_px: tuple[float, float] | None = None,
     ) -> bool:
         """Add what a registration measured between the planes of its frames; return whether it passed the gate.
 
         ``T_plane*_work*`` map the pixels of the images that were registered into their frames' planes. A pair that is
-        added twice keeps the more certain measurement.
+        added twice keeps the more certain measurement. ``level_focal_px`` are the focal lengths of both planes where
+        both frames' attitudes are known: then the slope of the ground they share is told apart.
         """
         if reg.a < 0 or reg.b < 0 or reg.a == reg.b:
             raise ValueError(f"a registration must name two frames to become an edge, got a={reg.a}, b={reg.b}")
-        edge = edge_of(reg, T_planea_worka, T_planeb_workb, kind)
+        edge = edge_of(reg, T_planea_worka, T_planeb_workb, kind, level_focal_px)
         if not (reg.accepted and reg.probability >= self._gate.min_probability and self._is_sane(edge)):
             return False
         self.add_frame(reg.a)
@@ -116,8 +120,18 @@ class GraphBuilder:
         return bool(finite) and abs(t.log_scale) <= np.log(self._gate.max_scale_ratio)
 
 
-def edge_of(reg: Registration, T_planea_worka: Similarity2D, T_planeb_workb: Similarity2D, kind: EdgeKind) -> Edge:
+def edge_of(
+    reg: Registration,
+    T_planea_worka: Similarity2D,
+    T_planeb_workb: Similarity2D,
+    kind: EdgeKind,
+    level_focal_px: tuple[float, float] | None = None,
+) -> Edge:
     """Return the edge between planes that a registration of images stands for, with its whole covariance."""
+    if level_focal_px is not None:
+        sloped = _sloped_edge(reg, T_planea_worka, T_planeb_workb, kind, level_focal_px)
+        if sloped is not None:
+            return sloped
     floor = np.diag([MIN_SIGMA_PX, MIN_SIGMA_PX, MIN_SIGMA_RAD, MIN_SIGMA_RAD]) ** 2
     whole = replace(reg, covariance=reg.covariance + model_covariance(reg) + floor)
     T, covariance = whole.seen_from(T_planea_worka, T_planeb_workb)
@@ -140,15 +154,68 @@ def model_covariance(reg: Registration) -> FloatArray:
     return to_centre @ about_overlap @ to_centre.T
 
 
-def _overlap_of(reg: Registration) -> tuple[FloatArray, float]:
-    """``(2,)`` the overlap's centre seen from b's image centre, and its RMS radius; image a is taken as large as b."""
+def sloped_motion(
+    reg: Registration, T_planea_worka: Similarity2D, T_planeb_workb: Similarity2D, level_focal_px: tuple[float, float]
+) -> SlopedMotion | None:
+    """Return what a registration says if both cameras were level over sloping ground; ``None`` if it cannot tell."""
+    if reg.H_a_b is None:
+        return None
+    b = _shared_points(reg)
+    in_a = np.concatenate([b, np.ones((len(b), 1))], axis=1) @ reg.H_a_b.T
+    if (in_a[:, 2] <= 0.0).any():
+        return None
+    a = in_a[:, :2] / in_a[:, 2:]
+    noise_px = T_planea_worka.scale * max(reg.model_sigma_px, MIN_SIGMA_PX)
+    return fit_slope(T_planea_worka.apply(a), T_planeb_workb.apply(b), *level_focal_px, noise_px=noise_px)
+
+
+def _sloped_edge(
+    reg: Registration,
+    T_planea_worka: Similarity2D,
+    T_planeb_workb: Similarity2D,
+    kind: EdgeKind,
+    level_focal_px: tuple[float, float],
+) -> Edge | None:
+    """Return the edge between planes that know the ground's slope; ``None`` where the pair does not tell it."""
+    motion = sloped_motion(reg, T_planea_worka, T_planeb_workb, level_focal_px)
+    if motion is None:
+        return None
+    scale = T_planea_worka.scale
+    # The bend that the slope explains is no misfit any more; relief's scatter and what is left of the bend still are.
+    unexplained2 = reg.model_sigma_px**2 - (motion.flat_px**2 - motion.left_px**2) / scale**2
+    known = replace(reg, model_sigma_px=float(np.sqrt(max(unexplained2, (motion.left_px / scale) ** 2))))
+    floor = np.diag([MIN_SIGMA_PX, MIN_SIGMA_PX, MIN_SIGMA_RAD, MIN_SIGMA_RAD]) ** 2
+    whole = replace(known, covariance=reg.covariance + model_covariance(known) + floor)
+    _, covariance = whole.seen_from(T_planea_worka, T_planeb_workb)
+    covariance = covariance * np.outer(motion.inflation, motion.inflation)
+    slope = (float(motion.slope[0]), float(motion.slope[1]))
+    return Edge(
+        reg.a,
+        reg.b,
+        motion.T_a_b,
+        (covariance + covariance.T) / 2.0,
+        kind,
+        reg.probability,
+        reg.overlap,
+        reg.method,
+        slope,
+    )
+
+
+def _shared_points(reg: Registration) -> FloatArray:
+    """``(N, 2)`` pixels of b, evenly over what a shows of it; image a is taken as large as b."""
     w, h = reg.size_b_px
     x, y = np.meshgrid(np.linspace(0, w - 1, OVERLAP_SAMPLES), np.linspace(0, h - 1, OVERLAP_SAMPLES))
     b = np.stack([x.ravel(), y.ravel()], axis=1)
     a = reg.T_a_b.apply(b)
     inside = b[((a >= 0) & (a <= (w - 1, h - 1))).all(axis=1)]
-    if len(inside) < 4:
-        inside = b
+    return b if len(inside) < 4 else inside
+
+
+def _overlap_of(reg: Registration) -> tuple[FloatArray, float]:
+    """``(2,)`` the overlap's centre seen from b's image centre, and its RMS radius."""
+    w, h = reg.size_b_px
+    inside = _shared_points(reg)
     centre = inside.mean(axis=0)
     radius = float(np.sqrt(np.mean(np.sum((inside - centre) ** 2, axis=1))))
     return centre - (np.array([w, h]) - 1) / 2.0, max(radius, 0.05 * max(w, h), 1.0)

@@ -75,11 +75,11 @@ def _number_seen(image: np.ndarray | None) -> float:
 B_FRAMES = {"bf": "3", "preset": "veryfast"}
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "mkv", "mov", "ts", "avi"])
-@pytest.mark.parametrize("coding", [{}, B_FRAMES])
+@pytest.mark.parametrize(
+    ("suffix", "coding"),
+    [(s, c) for s in ("mp4", "mkv", "mov", "ts") for c in ({}, B_FRAMES)] + [("avi", {})],  # AVI knows no B-frames
+)
 def test_each_frame_is_the_one_that_was_asked_for(tmp_path: Path, suffix: str, coding: dict[str, str]) -> None:
-    if suffix == "avi" and coding:
-        pytest.skip("AVI cannot carry frames out of order")
     path = make_video(tmp_path / f"v.{suffix}", options=coding)
     assert len(frame_index(path).pts) == 90
     wanted = [0, 1, 2, 17, 18, 30, 59, 60, 61, 88, 89]
