@@ -107,7 +107,7 @@ class RegistrationRecord:
 
 @dataclass(frozen=True, slots=True)
 class PlacementRecord:
-    """A frame's placement in a solution; ``covariance`` row by row, ``None`` with the pose where it is not placed."""
+    """A frame's placement in a solution; matrices row by row, ``None`` with the pose where it is not placed."""
 
     frame: int
     status: FrameStatus
@@ -116,6 +116,7 @@ class PlacementRecord:
     method: str = ""
     T_map_plane: Similarity2D | None = None
     covariance: tuple[float, ...] | None = None
+    R_level_camera: tuple[float, ...] | None = None
     ground_slope: tuple[float, float] = (0.0, 0.0)
 
     @property

@@ -6,17 +6,29 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement, PlanePlacement
 from photomap_gis.core.posegraph import Trajectory
-from photomap_gis.core.similarity import FloatArray
+from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
-from photomap_gis.slam import GraphBuilder, looks_level, placements, sloped_motion, slopes_of_frames, solve
+from photomap_gis.slam import (
+    GraphBuilder,
+    Leaning,
+    bend_of,
+    estimate_tilts,
+    leans,
+    level_from_tilt,
+    placements,
+    slopes_of_frames,
+    solve,
+)
 from photomap_gis.store import Mission, PlacementRecord, PreparedFrame, RegistrationRecord, SolutionRecord
 
 FLAT = (0.0, 0.0)
@@ -95,7 +107,10 @@ class Solved:
             poses = {}
             for p in group:
                 assert isinstance(p.camera_to_map, PlanePlacement)
-                poses[p.frame] = (p.camera_to_map.T_map_plane, p.pose_covariance)
+                # Registrations are between the planes of ``views``; the solution may have levelled them further.
+                origin = p.camera_to_map.view.to_plane(views[p.frame].to_pixel(np.zeros((1, 2))))[0]
+                T = p.camera_to_map.T_map_plane @ Similarity2D.translation_of(*origin)
+                poses[p.frame] = (T, p.pose_covariance)
             outlines = {f: plane_outline(views[f]) for f in poses}
             found.append(Cluster(poses, outlines, {p.frame: p.segment for p in group}))
         return found
@@ -112,7 +127,8 @@ class Solved:
             assert isinstance(p.camera_to_map, PlanePlacement)
             covariance = tuple(float(v) for v in p.pose_covariance.ravel())
             view, T = p.camera_to_map.view, p.camera_to_map.T_map_plane
-            return PlacementRecord(ref.index, status, reason, p.segment, p.method, T, covariance, view.ground_slope)
+            R = tuple(float(v) for v in view.R_level_camera.ravel())
+            return PlacementRecord(ref.index, status, reason, p.segment, p.method, T, covariance, R, view.ground_slope)
 
         summary = {
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
@@ -132,7 +148,7 @@ class Solved:
                 r.frame,
                 refs[r.frame].width_px,
                 refs[r.frame].height_px,
-                PlanePlacement(replace(plane_view(refs[r.frame]), ground_slope=r.ground_slope), r.T_map_plane),
+                PlanePlacement(_kept_view(refs[r.frame], r), r.T_map_plane),
                 r.covariance_matrix,
                 r.status,
                 r.segment or 0,
@@ -163,14 +179,14 @@ def solve_mission(
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     usable = [f for f in frames if prepared[f.index].usable]
-    level = _levelled({f.index: f for f in usable}, measurements.accepted, prepared)
+    leanings = _leanings({f.index: f for f in usable}, measurements.accepted, prepared)
     builder = GraphBuilder()
     for ref in usable:
         builder.add_frame(ref.index)
     for r in measurements.accepted:
         builder.add_registration(
             r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, kind=r.kind,
-            level_focal_px=(level[r.a], level[r.b]) if {r.a, r.b} <= level.keys() else None,
+            leaning=(leanings[r.a], leanings[r.b]) if {r.a, r.b} <= leanings.keys() else None,
         )  # fmt: skip
     if map_frame.crs_wkt is not None:
         seen = observe(usable, map_frame)
@@ -179,7 +195,8 @@ def solve_mission(
     solution = solve(graph)
     predicted = accuracy(solution, graph)
     slopes = slopes_of_frames(graph.edges)
-    views = {f: replace(view, ground_slope=slopes.get(f, FLAT)) for f, view in views.items()}
+    tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
+    views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
@@ -209,27 +226,42 @@ def solve_mission(
     )
 
 
-def _levelled(
+def _leanings(
     refs: Mapping[int, FrameRef], accepted: Sequence[RegistrationRecord], prepared: Mapping[int, PreparedFrame]
-) -> dict[int, float]:
-    """Return the focal lengths of the frames whose planes are known to be level.
+) -> dict[int, Leaning]:
+    """Return how the frames' planes must be levelled still, flight by flight.
 
-    They are where the attitude is reported, and in flights whose own pictures show that the camera stood level.
+    Where a flight's pairs bend as no slope explains, its cameras leaned and did not say so (or wrongly): their tilts
+    are estimated. Frames whose focal length is unknown are left out.
     """
+    found: dict[int, Leaning] = {}
     focal = {i: f.camera.focal_px for i, f in refs.items() if f.camera is not None and f.camera.focal_px is not None}
-    level = {i: px for i, px in focal.items() if refs[i].attitude is not None}
-    for flight in {refs[i].flight for i in focal.keys() - level.keys()}:
-        frames = {i for i in focal.keys() - level.keys() if refs[i].flight == flight}
-        motions = (
-            sloped_motion(
-                r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, (focal[r.a], focal[r.b])
-            )
+    for flight in sorted({refs[i].flight for i in focal}):
+        frames = {i for i in focal if refs[i].flight == flight}
+        told = (
+            bend_of(r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, (focal[r.a], focal[r.b]))
             for r in accepted
             if {r.a, r.b} <= frames
         )
-        if looks_level(m for m in motions if m is not None):
-            level |= {i: focal[i] for i in frames}
-    return level
+        bends = [b for b in told if b is not None]
+        tilts = estimate_tilts(bends) if leans(bends) else {}
+        found |= {i: Leaning(focal[i], tilts.get(i, FLAT)) for i in frames}
+    return found
+
+
+def _settled_view(view: PlaneView, tilt_rad: tuple[float, float], slope: tuple[float, float]) -> PlaneView:
+    """Return a frame's view with what the solution found out of tilt and ground."""
+    if tilt_rad == FLAT and slope == FLAT:
+        return view
+    return replace(view, R_level_camera=level_from_tilt(tilt_rad) @ view.R_level_camera, ground_slope=slope)
+
+
+def _kept_view(ref: FrameRef, record: PlacementRecord) -> PlaneView:
+    """Return the view that a frame was placed with."""
+    view = plane_view(ref)
+    if record.R_level_camera is None:
+        return view
+    return PlaneView(view.camera, np.array(record.R_level_camera).reshape(3, 3), record.ground_slope)
 
 
 def plane_outline(view: PlaneView) -> FloatArray:

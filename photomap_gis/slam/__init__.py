@@ -1,18 +1,22 @@
 """From measured motions to one consistent map: candidates for loops, the pose graph, its solution, placements."""
 
-from photomap_gis.slam.build import GraphBuilder, sloped_motion
+from photomap_gis.slam.build import GraphBuilder, bend_of
 from photomap_gis.slam.candidates import Candidate, candidates
 from photomap_gis.slam.optimize import solve
 from photomap_gis.slam.place import placements
-from photomap_gis.slam.slope import looks_level, slopes_of_frames
+from photomap_gis.slam.slope import slopes_of_frames
+from photomap_gis.slam.tilt import Leaning, estimate_tilts, leans, level_from_tilt
 
 __all__ = [
     "Candidate",
     "GraphBuilder",
+    "Leaning",
+    "bend_of",
     "candidates",
-    "looks_level",
+    "estimate_tilts",
+    "leans",
+    "level_from_tilt",
     "placements",
-    "sloped_motion",
     "slopes_of_frames",
     "solve",
 ]

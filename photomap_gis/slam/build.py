@@ -18,6 +18,7 @@ from photomap_gis.core.posegraph import (
 )
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.slam.slope import SlopedMotion, fit_slope
+from photomap_gis.slam.tilt import NOISE_PX, Bend, Leaning
 
 OVERLAP_SAMPLES = 9
 MIN_SIGMA_PX = 0.02
@@ -61,17 +62,17 @@ class GraphBuilder:
         T_planeb_workb: Similarity2D,
         kind: EdgeKind = EdgeKind.SEQUENTIAL,
         *,
-        level_focal_px: tuple[float, float] | None = None,
+        leaning: tuple[Leaning, Leaning] | None = None,
     ) -> bool:
         """Add what a registration measured between the planes of its frames; return whether it passed the gate.
 
         ``T_plane*_work*`` map the pixels of the images that were registered into their frames' planes. A pair that is
-        added twice keeps the more certain measurement. ``level_focal_px`` are the focal lengths of both planes where
-        both frames' attitudes are known: then the slope of the ground they share is told apart.
+        added twice keeps the more certain measurement. ``leaning`` says of both frames how their planes must be
+        levelled still: the edge then is between level planes, and the slope of the shared ground is told apart.
         """
         if reg.a < 0 or reg.b < 0 or reg.a == reg.b:
             raise ValueError(f"a registration must name two frames to become an edge, got a={reg.a}, b={reg.b}")
-        edge = edge_of(reg, T_planea_worka, T_planeb_workb, kind, level_focal_px)
+        edge = edge_of(reg, T_planea_worka, T_planeb_workb, kind, leaning)
         if not (reg.accepted and reg.probability >= self._gate.min_probability and self._is_sane(edge)):
             return False
         self.add_frame(reg.a)
@@ -125,11 +126,11 @@ def edge_of(
     T_planea_worka: Similarity2D,
     T_planeb_workb: Similarity2D,
     kind: EdgeKind,
-    level_focal_px: tuple[float, float] | None = None,
+    leaning: tuple[Leaning, Leaning] | None = None,
 ) -> Edge:
     """Return the edge between planes that a registration of images stands for, with its whole covariance."""
-    if level_focal_px is not None:
-        sloped = _sloped_edge(reg, T_planea_worka, T_planeb_workb, kind, level_focal_px)
+    if leaning is not None:
+        sloped = _sloped_edge(reg, T_planea_worka, T_planeb_workb, kind, leaning)
         if sloped is not None:
             return sloped
     floor = np.diag([MIN_SIGMA_PX, MIN_SIGMA_PX, MIN_SIGMA_RAD, MIN_SIGMA_RAD]) ** 2
@@ -155,18 +156,30 @@ def model_covariance(reg: Registration) -> FloatArray:
 
 
 def sloped_motion(
-    reg: Registration, T_planea_worka: Similarity2D, T_planeb_workb: Similarity2D, level_focal_px: tuple[float, float]
+    reg: Registration, T_planea_worka: Similarity2D, T_planeb_workb: Similarity2D, leaning: tuple[Leaning, Leaning]
 ) -> SlopedMotion | None:
-    """Return what a registration says if both cameras were level over sloping ground; ``None`` if it cannot tell."""
+    """Return what a registration says of level planes over sloping ground; ``None`` where it cannot tell."""
+    bend = bend_of(reg, T_planea_worka, T_planeb_workb, (leaning[0].focal_px, leaning[1].focal_px))
+    if bend is None:
+        return None
+    a, b = leaning[0].level(bend.points_a), leaning[1].level(bend.points_b)
+    noise_px = T_planea_worka.scale * max(reg.model_sigma_px, MIN_SIGMA_PX)
+    return fit_slope(a, b, bend.focal_a_px, bend.focal_b_px, noise_px=noise_px)
+
+
+def bend_of(
+    reg: Registration, T_planea_worka: Similarity2D, T_planeb_workb: Similarity2D, focal_px: tuple[float, float]
+) -> Bend | None:
+    """Return the points that a registration's homography makes equal, in both planes; ``None`` where it has none."""
     if reg.H_a_b is None:
         return None
     b = _shared_points(reg)
     in_a = np.concatenate([b, np.ones((len(b), 1))], axis=1) @ reg.H_a_b.T
     if (in_a[:, 2] <= 0.0).any():
         return None
-    a = in_a[:, :2] / in_a[:, 2:]
-    noise_px = T_planea_worka.scale * max(reg.model_sigma_px, MIN_SIGMA_PX)
-    return fit_slope(T_planea_worka.apply(a), T_planeb_workb.apply(b), *level_focal_px, noise_px=noise_px)
+    scale = T_planea_worka.scale
+    points_a, points_b = T_planea_worka.apply(in_a[:, :2] / in_a[:, 2:]), T_planeb_workb.apply(b)
+    return Bend(reg.a, reg.b, points_a, points_b, *focal_px, NOISE_PX * scale)
 
 
 def _sloped_edge(
@@ -174,10 +187,10 @@ def _sloped_edge(
     T_planea_worka: Similarity2D,
     T_planeb_workb: Similarity2D,
     kind: EdgeKind,
-    level_focal_px: tuple[float, float],
+    leaning: tuple[Leaning, Leaning],
 ) -> Edge | None:
     """Return the edge between planes that know the ground's slope; ``None`` where the pair does not tell it."""
-    motion = sloped_motion(reg, T_planea_worka, T_planeb_workb, level_focal_px)
+    motion = sloped_motion(reg, T_planea_worka, T_planeb_workb, leaning)
     if motion is None:
         return None
     scale = T_planea_worka.scale
@@ -186,7 +199,8 @@ def _sloped_edge(
     known = replace(reg, model_sigma_px=float(np.sqrt(max(unexplained2, (motion.left_px / scale) ** 2))))
     floor = np.diag([MIN_SIGMA_PX, MIN_SIGMA_PX, MIN_SIGMA_RAD, MIN_SIGMA_RAD]) ** 2
     whole = replace(known, covariance=reg.covariance + model_covariance(known) + floor)
-    _, covariance = whole.seen_from(T_planea_worka, T_planeb_workb)
+    to_level = Similarity2D.translation_of(*leaning[1].level(np.zeros((1, 2)))[0])
+    _, covariance = whole.seen_from(T_planea_worka, to_level @ T_planeb_workb)
     covariance = covariance * np.outer(motion.inflation, motion.inflation)
     slope = (float(motion.slope[0]), float(motion.slope[1]))
     return Edge(

@@ -20,9 +20,6 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarit
 PRIOR_SLOPE = 0.15
 """One sigma of the slope along either axis before looking."""
 MAX_SLOPE = 0.6
-EXPLAINED = 0.6
-"""A pair whose bend shrinks below this share of itself is explained by a slope."""
-MIN_PAIRS = 12
 ITERATIONS = 6
 STEP = 1e-6
 
@@ -80,15 +77,6 @@ def fit_slope(
     alone = np.diag(np.linalg.inv(flat_J[:, :4].T @ flat_J[:, :4]))
     inflation = np.sqrt(np.diag(np.linalg.inv(normal))[:4] / alone)
     return SlopedMotion(T, slope, inflation, left, flat)
-
-
-def looks_level(motions: Iterable[SlopedMotion]) -> bool:
-    """Whether slopes explain most of what bends a flight's pairs, so that its cameras may be taken for level.
-
-    A camera that leans bends a pair as no slope can; of a level one over sloping ground little is left.
-    """
-    explained = [m.left_px < EXPLAINED * m.flat_px for m in motions]
-    return len(explained) >= MIN_PAIRS and sum(explained) > 0.5 * len(explained)
 
 
 def slopes_of_frames(edges: Iterable[Edge]) -> Mapping[int, tuple[float, float]]:
