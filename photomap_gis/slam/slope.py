@@ -22,6 +22,7 @@ PRIOR_SLOPE = 0.15
 MAX_SLOPE = 0.6
 ITERATIONS = 6
 STEP = 1e-6
+SETTLED_PX, SETTLED_SLOPE = 1e-3, 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +74,8 @@ def fit_slope(
         T, slope = T @ Similarity2D.exp(step[:4]), slope + step[4:]
         if not np.isfinite(step).all() or np.hypot(*slope) > MAX_SLOPE:
             return None
+        if np.abs(step[:2]).max() < SETTLED_PX and np.abs(step[4:]).max() < SETTLED_SLOPE:
+            break
     left = float(np.sqrt(0.5 * np.mean(np.sum(residual(T, slope) ** 2, axis=1))))
     alone = np.diag(np.linalg.inv(flat_J[:, :4].T @ flat_J[:, :4]))
     inflation = np.sqrt(np.diag(np.linalg.inv(normal))[:4] / alone)

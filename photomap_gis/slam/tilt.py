@@ -28,6 +28,8 @@ ROUNDS = 4
 LIMIT = 2.5
 INDEPENDENT = 8.0
 """Numbers in a pair's homography: as many measurements its points stand for."""
+SAMPLE = 150
+"""Pairs looked at to tell whether a flight's cameras leaned."""
 MAX_FRAMES = 3000
 """The system is dense; beyond this it would no longer fit an ordinary laptop."""
 
@@ -76,7 +78,7 @@ def levelled(points: FloatArray, focal_px: float, tilt_rad: tuple[float, float])
 def leans(bends: Sequence[Bend]) -> bool:
     """Whether a flight's pairs bend as slopes alone cannot explain."""
     left = []
-    for bend in bends:
+    for bend in bends[:: max(1, len(bends) // SAMPLE)]:
         motion = fit_slope(bend.points_a, bend.points_b, bend.focal_a_px, bend.focal_b_px, noise_px=bend.noise_px)
         left.append(np.inf if motion is None else motion.left_px / bend.focal_a_px)
     return bool(left) and float(np.median(left)) > LEANING

@@ -1,0 +1,98 @@
+"""The commands as a script or a person in a hurry uses them: stdout for results, stderr for words, exit codes."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from photomap_gis.cli import main
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cli") / "flight"
+    size = ["--frames", "6", "--width", "480", "--frame-height", "360", "--altitude", "80"]
+    assert main(["simulate", "procedural", "-o", str(folder), "-q", *size]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mission(flight: Path) -> Path:
+    folder = flight.parent / "mission"
+    assert main(["map", str(flight / "photos"), "-o", str(folder), "-q"]) == 0
+    return folder
+
+
+def test_simulate_says_where_the_photos_are(flight):
+    assert len(list((flight / "photos").glob("*.JPG"))) == 6
+    assert (flight / "truth" / "truth.json").is_file()
+
+
+def test_map_json_is_one_document_and_nothing_else_is_on_stdout(flight, mission, capsys):
+    capsys.readouterr()
+    assert main(["map", str(flight / "photos"), "-o", str(mission), "--json"]) == 0
+    out = capsys.readouterr().out
+    assert json.loads(out)["frames"]["total"] == 6
+
+
+def test_map_in_words(flight, mission, capsys):
+    capsys.readouterr()
+    assert main(["map", str(flight / "photos"), "-o", str(mission)]) == 0
+    out, err = capsys.readouterr()
+    assert "registered" in out
+    assert "not the accuracy" in out
+    assert "CE90" in out
+    assert "geotiff" in err
+
+
+def test_info(flight, capsys):
+    assert main(["info", str(flight / "photos"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 6
+    assert main(["info", str(flight / "photos")]) == 0
+    assert "flight" in capsys.readouterr().out
+
+
+def test_export_defaults_to_the_current_folder(mission, monkeypatch, capsys):
+    monkeypatch.chdir(mission)
+    assert main(["export", "--poses", "--mbtiles", "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["outputs"] == ["map.mbtiles", "poses.csv"]
+    assert (mission / "map.mbtiles").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["map", "/no/such/folder", "-o", "{tmp}/m"], 3, "no such"),
+        (["map", "{tmp}", "-o", "{tmp}/m"], 3, "no photos"),
+        (["map", "{photos}"], 2, "-o MISSION"),
+        (["map", "{photos}", "-o", "{tmp}/m", "--crs", "EPSG:77"], 2, "EPSG:32633"),
+        (["map", "{photos}", "-o", "{tmp}/m", "--crs", "EPSG:32755"], 2, "EPSG:32632"),
+        (["map", "{photos}", "-o", "{tmp}/m", "--track", "{tmp}/none.gpx"], 3, "none.gpx"),
+        (["map", "{photos}", "-o", "{tmp}/m", "--gsd", "-1"], 2, "--gsd"),
+        (["export", "{tmp}", "--geotiff"], 3, "no mission folder"),
+        (["export", "{mission}"], 2, "--geotiff"),
+        (["export", "{mission}", "--geotiff", "-o", "{tmp}/map.png"], 2, ".tif"),
+        (["export", "{mission}", "--geotiff", "--over", "{tmp}/old.tif"], 3, "old.tif"),
+        (["info", "{tmp}/nothing.mp4"], 3, "nothing.mp4"),
+        (["simulate", "{tmp}/no.tif", "-o", "{tmp}/s"], 3, "no.tif"),
+    ],
+)
+def test_what_goes_wrong_is_one_line_with_its_exit_code(flight, mission, tmp_path, capsys, arguments, code, words):
+    capsys.readouterr()
+    filled = [a.format(tmp=tmp_path, photos=flight / "photos", mission=mission) for a in arguments]
+    assert main([*filled, "-q"] if filled[0] != "info" else filled) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+    assert "Traceback" not in err
+    last = err.strip().splitlines()[-1]
+    assert last.startswith("photomap: ")
+
+
+@pytest.mark.slow
+def test_demo_compares_with_the_truth(tmp_path, capsys):
+    assert main(["demo", "-o", str(tmp_path / "d"), "--frames", "9", "--json", "-q"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["map"]["frames"]["registered"] == 9
+    assert document["errors"]["relative_rmse_gsd"] < 5
+    assert main(["demo", "-o", str(tmp_path), "-q"]) == 2, "a folder with other things is not replaced"
