@@ -25,7 +25,7 @@ from photomap_gis.mosaic.choice import radius_and_border
 from photomap_gis.mosaic.lowband import LowBand
 from photomap_gis.mosaic.views import View
 
-SIGMA_GAIN = 0.15
+SIGMA_GAIN = 0.07
 SIGMA_PAIR = 0.03
 SIGMA_VIGNETTE = 0.1
 MAX_GAIN = 2.0

@@ -106,8 +106,11 @@ class Measurements:
         self._settings = settings
         self._on_progress = on_progress
         self.prepared = prepared
-        self.records: dict[tuple[int, int], RegistrationRecord] = {_key(r.a, r.b): r for r in mission.registrations}
-        self._tried = set(self.records)
+        self.records: dict[tuple[int, int], RegistrationRecord] = {}
+        self._tries: Counter[tuple[int, int]] = Counter()
+        for r in mission.registrations:
+            self.records[_key(r.a, r.b)] = r
+            self._tries[_key(r.a, r.b)] += 1
 
     @property
     def accepted(self) -> list[RegistrationRecord]:
@@ -133,11 +136,15 @@ class Measurements:
             Pair(c.a, c.b, EdgeKind.LOOP, fallback=False)
             for cluster in map(self._usable, clusters)
             for c in candidates(
-                cluster.poses, cluster.footprints, exclude=self._tried, min_overlap=MIN_OVERLAP, max_per_frame=PER_FRAME
+                cluster.poses,
+                cluster.footprints,
+                exclude=self._tries.keys(),
+                min_overlap=MIN_OVERLAP,
+                max_per_frame=PER_FRAME,
             )
         ]
         if len(clusters) > 1:
-            pairs += rejoining_pairs([sorted(self._usable(c).poses) for c in clusters], self._tried)
+            pairs += rejoining_pairs([sorted(self._usable(c).poses) for c in clusters], set(self._tries))
         return self._take(pairs, "loops")
 
     def take_missing(self, clusters: Sequence[Cluster]) -> int:
@@ -148,11 +155,11 @@ class Measurements:
         degree: Counter[int] = Counter()
         for r in self.accepted:
             degree.update((r.a, r.b))
-        joined = {key for key, r in self.records.items() if r.accepted}
+        settled = {key for key, r in self.records.items() if r.accepted or self._tries[key] > 1}
         pairs = []
         for cluster in map(self._usable, clusters):
             for c in candidates(
-                cluster.poses, cluster.footprints, exclude=joined, min_overlap=MIN_OVERLAP, max_per_frame=PER_FRAME
+                cluster.poses, cluster.footprints, exclude=settled, min_overlap=MIN_OVERLAP, max_per_frame=PER_FRAME
             ):
                 if min(degree[c.a], degree[c.b]) < WELL_TIED or cluster.segments[c.a] != cluster.segments[c.b]:
                     pairs.append(Pair(c.a, c.b, EdgeKind.LOOP, prior_of(c, self.prepared)))
@@ -166,11 +173,11 @@ class Measurements:
 
         Pairs tried before, by this run or an earlier one, are left out unless they are to be tried ``again``.
         """
-        todo = [p for p in pairs if again or _key(p.a, p.b) not in self._tried]
+        todo = [p for p in pairs if again or _key(p.a, p.b) not in self._tries]
         gained = 0
         results = map_jobs(self._measure, todo, workers=self._settings.workers)
         for done, (pair, record) in enumerate(zip(todo, results, strict=True), start=1):
-            self._tried.add(_key(pair.a, pair.b))
+            self._tries[_key(pair.a, pair.b)] += 1
             if record is not None:
                 self._mission.registrations.append(record)
                 self.records[_key(pair.a, pair.b)] = record
