@@ -8,7 +8,7 @@
       prepared.jsonl        one verdict a frame: usable or not, and where its working image lies in its plane
       registrations.jsonl   one registration a line, whether accepted or not
       solution.json         the placements of the newest solution, and every frame's status (replaced whole)
-      cache/work/           small levelled grey images, one a frame; can be made again
+      cache/working/        small levelled grey images, one a frame; can be made again
       cache/frames/         the frames taken out of videos
       mosaic/               the rendered tiles of the map (mosaic-2, ... for further segments of a map without GPS)
       map.tif, map.kmz ...  what was exported
@@ -217,7 +217,7 @@ class Mission:
             raise UsageError(f"{folder} holds a mission already: extend it by --add, or choose another folder by -o")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "cache" / "work").mkdir(parents=True, exist_ok=True)
+            (folder / "cache" / "working").mkdir(parents=True, exist_ok=True)
             (folder / "cache" / "frames").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot write {folder}: {error.strerror}; choose another folder by -o") from error
@@ -280,7 +280,7 @@ class Mission:
 
     def work_image_path(self, frame: int) -> Path:
         """Where a frame's working image lies."""
-        return self.folder / "cache" / "work" / f"{frame:06d}.png"
+        return self.folder / "cache" / "working" / f"{frame:06d}.png"
 
     def video_frame_path(self, frame: int) -> Path:
         """Where a frame taken out of a video lies."""

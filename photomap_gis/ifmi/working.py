@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -123,7 +124,9 @@ def _window(grey: ImageArray, view: PlaneView, size_px: int) -> WorkingImage:
     return WorkingImage(picture, None if inside.all() else inside, T_plane_work)
 
 
-def _dense(to_small, out_w: int, out_h: int):  # type: ignore[no-untyped-def]
+def _dense(
+    to_small: Callable[[FloatArray], FloatArray], out_w: int, out_h: int
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Evaluate a smooth map on a sparse grid and interpolate it to every pixel."""
     gx = np.arange(0, out_w + SPARSE_STEP_PX, SPARSE_STEP_PX, dtype=np.float64)
     gy = np.arange(0, out_h + SPARSE_STEP_PX, SPARSE_STEP_PX, dtype=np.float64)
