@@ -134,7 +134,8 @@ def _dense(
     values = to_small(grid.reshape(-1, 2)).reshape(len(gy), len(gx), 2)
     values = np.where(np.isfinite(values), values, -1e6).astype(np.float32)
     wx, wy = _interpolation(out_w, len(gx)), _interpolation(out_h, len(gy))
-    return wy @ values[..., 0] @ wx.T, wy @ values[..., 1] @ wx.T
+    x, y = (np.asarray(wy @ values[..., k] @ wx.T, np.float32) for k in (0, 1))
+    return x, y
 
 
 def _interpolation(n: int, nodes: int) -> npt.NDArray[np.float32]:
