@@ -15,6 +15,8 @@ import numpy as np
 from photomap_gis.core.posegraph import PositionObservation, Solution
 from photomap_gis.core.similarity import FloatArray
 
+MIN_LAG_S = 0.5
+"""A shorter lag moves fixes by less than they are off anyhow."""
 MAX_LAG_S = 6.0
 STEP_S = 0.1
 MIN_FIXES = 12
@@ -37,7 +39,8 @@ def lags_by_flight(solution: Solution, positions: Sequence[PositionObservation])
         lags = np.arange(-int(reach / STEP_S), int(reach / STEP_S) + 1) * STEP_S
         spread = np.array([_spread(fix - _at(time_s, path, time_s - lag)) for lag in lags])
         best = int(np.argmin(spread))
-        if spread[best] < (1.0 - MIN_GAIN) * spread[len(lags) // 2] and 0 < best < len(lags) - 1:
+        gained = spread[best] < (1.0 - MIN_GAIN) * spread[len(lags) // 2]
+        if gained and abs(lags[best]) >= MIN_LAG_S and 0 < best < len(lags) - 1:
             out[flight] = float(lags[best])
     return out
 

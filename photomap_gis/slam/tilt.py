@@ -113,7 +113,37 @@ def estimate_tilts(bends: Sequence[Bend]) -> Mapping[int, tuple[float, float]]:
             gradient[at] -= scale * design.T @ left
         tilt = tilt + np.linalg.solve(normal, gradient).reshape(-1, 2)
         tilt = np.clip(tilt, -0.6, 0.6)
+    tilt -= _common_lean(bends, node, tilt)
     return {f: (float(tilt[k, 0]), float(tilt[k, 1])) for f, k in node.items()}
+
+
+def _common_lean(bends: Sequence[Bend], node: Mapping[int, int], tilt: FloatArray) -> FloatArray:
+    """``(N, 2)`` what all frames of a connected piece lean alike along the map's axes, turned into each frame's.
+
+    Cameras that lean alike to the north, whatever their heading, look just like ground that slopes to the north, and
+    ground does that where cameras do not: it is left to the slope.
+    """
+    turns: dict[int, list[tuple[int, float]]] = {k: [] for k in node.values()}
+    for bend in bends:
+        angle = fit_similarity(bend.points_a, bend.points_b).angle_rad
+        turns[node[bend.a]].append((node[bend.b], angle))
+        turns[node[bend.b]].append((node[bend.a], -angle))
+    out = np.zeros_like(tilt)
+    heading: dict[int, float] = {}
+    for first in turns:
+        if first in heading:
+            continue
+        heading[first], piece = 0.0, [first]
+        for k in piece:  # grows while it is walked
+            for other, angle in turns[k]:
+                if other not in heading:
+                    heading[other] = heading[k] + angle
+                    piece.append(other)
+        turned = np.exp(1j * np.array([heading[k] for k in piece]))
+        common = np.mean((tilt[piece] @ (1, 1j)) * turned)
+        own = common * np.conj(turned)
+        out[piece] = np.column_stack([own.real, own.imag])
+    return out
 
 
 def _reduced(a: FloatArray, b: FloatArray, bend: Bend) -> tuple[FloatArray, FloatArray]:

@@ -45,7 +45,14 @@ def scatter_deg(found, true):
     """RMS error of the tilts against each other: an even lean of all and an even slope of the ground look alike."""
     error = np.array([found[k] for k in range(24)]) - true
     error[(np.arange(24) // 6) % 2 == 1] *= -1.0  # along the map's axes: every other strip flies back
+    assert np.degrees(np.abs(error.mean(axis=0) + true_mean(true))).max() < 0.05, "an even lean is left to the slope"
     return np.degrees(np.sqrt(np.mean((error - error.mean(axis=0)) ** 2)))
+
+
+def true_mean(true):
+    along = true.copy()
+    along[(np.arange(24) // 6) % 2 == 1] *= -1.0
+    return along.mean(axis=0)
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.04, -0.03)])
