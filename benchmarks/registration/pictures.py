@@ -99,7 +99,7 @@ REPORTING: tuple[Picture, ...] = (
 )  # fmt: skip
 LISTS: dict[Part, tuple[Picture, ...]] = {"tuning": TUNING, "reporting": REPORTING}
 
-PLACE_APART_M = {"seneca": 160.0, "seneca-north": 160.0, "caliterra": 80.0}
+PLACE_APART_M = {"seneca": 160.0, "seneca-north": 160.0}
 """Photos of a ground whose fixes are further apart than this show different places (a photo's diagonal and more)."""
 
 

@@ -1,4 +1,4 @@
-"""Reading a matched filter's result: peaks, their sub-pixel place, how clear they are, and Algorithm 3."""
+"""Reading a matched filter's result: peaks, their sub-pixel place, and how clear they are."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.kernels import Image32
 
 
@@ -52,20 +51,3 @@ def _vertex(three: Image32) -> float:
     a, b, c = (float(v) for v in three)
     curvature = a - 2.0 * b + c
     return 0.0 if curvature >= 0.0 else max(-0.5, min(0.5, 0.5 * (a - c) / curvature))
-
-
-def pulse_covariance(delta: Image32, row: float, column: float, neighbourhood: int) -> FloatArray:
-    """``(2, 2)`` covariance (row, column) of a pulse read as a probability mass (Algorithm 3, to the letter).
-
-    Kept for reference. It is not what registrations carry: the pulse's width tells of the filter rather than of the
-    error, the matched filter's values can be negative (so the result need not be positive definite), and nothing in it
-    knows of tilt. See ``refine`` and ``blocks`` for the covariance in use.
-    """
-    h, w = delta.shape
-    mass = delta / delta.sum()
-    i = np.arange(round(row) - neighbourhood, round(row) + neighbourhood + 1)
-    j = np.arange(round(column) - neighbourhood, round(column) + neighbourhood + 1)
-    patch = mass[np.ix_(i % h, j % w)].astype(np.float64)
-    di, dj = i - row, j - column
-    cross = float(di @ patch @ dj)
-    return np.array([[float(di**2 @ patch.sum(axis=1)), cross], [cross, float(patch.sum(axis=0) @ dj**2)]])

@@ -15,7 +15,7 @@ from photomap_gis.ifmi.field import Frame, displacement, fit_field
 from photomap_gis.ifmi.kernels import fft_size, forward_fft, forward_fft_stack, inverse_fft, inverse_fft_stack
 from photomap_gis.ifmi.logpolar import ANGLES, RADII
 from photomap_gis.ifmi.pomf import gaussian_low_pass, pomf, pulse_of, whiten
-from photomap_gis.ifmi.pulse import find_peaks, pulse_covariance
+from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.search import turns_and_scales
 from photomap_gis.ifmi.tiles import tile_pulses
 
@@ -65,12 +65,6 @@ def test_peaks_keep_their_distance_and_the_allowed_region():
     allowed = np.zeros((16, 16), bool)
     allowed[6:10, 6:10] = True
     assert round(find_peaks(delta, 1, allowed=allowed)[0].row) == 8
-
-
-def test_algorithm_3_is_the_second_moment_of_the_pulse():
-    y, x = np.mgrid[-16:16, -16:16]
-    delta = np.exp(-0.5 * ((y / 1.5) ** 2 + (x / 2.5) ** 2)).astype(np.float32)
-    np.testing.assert_allclose(pulse_covariance(delta, 16.0, 16.0, 12), np.diag([1.5**2, 2.5**2]), rtol=0.02, atol=1e-6)
 
 
 @pytest.mark.parametrize(("angle_deg", "scale"), [(0, 1.0), (37, 1.0), (90, 0.8), (-61, 1.3)])
