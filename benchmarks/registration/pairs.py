@@ -19,7 +19,17 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarit
 
 from .camera import Lens, Pose, Relief, attitude, render_flat, transfer
 from .nuisance import Nuisance, spoil
-from .pictures import Grey, Part, Picture, Sources, find_sources, read_grey, read_scene, show_different_places
+from .pictures import (
+    Grey,
+    Part,
+    Picture,
+    Sources,
+    find_sources,
+    read_calm,
+    read_grey,
+    read_scene,
+    show_different_places,
+)
 from .textures import repetitive_ground
 
 GRID = 32
@@ -73,7 +83,7 @@ CLASSES: dict[str, PairClass] = {
     "jpeg-10": PairClass(nuisance=Nuisance(jpeg_quality=10)),
     "corrupt-rows": PairClass(nuisance=Nuisance(corrupt_share=0.25)),
     "low-contrast": PairClass(nuisance=Nuisance(contrast=0.12)),
-    "low-texture": PairClass(low_texture=True),
+    "low-texture": PairClass(low_texture=True, nuisance=Nuisance(contrast=0.5)),
     "repetitive": PairClass(kind="repetitive", translation=(0.0, 0.45)),
     "wrong": PairClass(kind="wrong", rotation_deg=180.0),
 }
@@ -234,16 +244,17 @@ def _choose(spec: PairClass, rng: np.random.Generator, sources: Sources, lens: L
             name, grey, least = f"repetitive-{seed}", repetitive_ground(seed), 1.0
         else:
             picture = _draw(rng, sources)
-            name, grey, least = picture.name, read_grey(picture), picture.least_px
+            name, least = picture.name, picture.least_px
+            grey = read_calm(picture) if spec.low_texture else read_grey(picture)
         shot = _aim(spec, rng, lens, grey.shape, least)
         if shot is None:
             continue
         contrast = _contrast(grey, shot.box)
         if spec.low_texture:
-            if contrast > LEAST_CONTRAST / 3.0 and (calmest is None or contrast < calmest[0]):
+            if contrast > LEAST_CONTRAST / 4.0 and (calmest is None or contrast < calmest[0]):
                 calmest = contrast, name, grey, shot
             tried += 1
-            if tried >= 6 and calmest is not None:
+            if tried >= 10 and calmest is not None:
                 return calmest[1:]
         elif spec.kind == "repetitive" or contrast >= LEAST_CONTRAST:
             return name, grey, shot

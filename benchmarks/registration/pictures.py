@@ -187,6 +187,15 @@ def read_grey(picture: Picture) -> Grey:
     return np.asarray(grey, np.uint8)
 
 
+@lru_cache(maxsize=128)
+def read_calm(picture: Picture) -> Grey:
+    """``(H, W)`` grey values without their finest grain, which in a calm picture is half of it the photo's own noise.
+
+    Left in, it would lie on the ground for both cameras to see, as no noise does.
+    """
+    return np.asarray(cv2.GaussianBlur(read_grey(picture), (0, 0), 2.0), np.uint8)
+
+
 @lru_cache(maxsize=16)
 def read_scene(picture: Picture) -> Scene:
     """Return a scene's colours and heights, made once a process."""

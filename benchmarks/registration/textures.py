@@ -27,7 +27,8 @@ def repetitive_ground(seed: int) -> Grey:
     # log-uniform: from cells that are copies of each other to cells of which each is its own
     irregular = math.exp(rng.uniform(math.log(0.02), math.log(0.5)))
     drawn = _DRAWERS[kind](rng, irregular)
-    drawn = drawn + _noise(rng, drawn.shape, 1.0) * 4.0 + _noise(rng, drawn.shape, 25.0) * (14.0 * irregular)
+    grain = math.exp(rng.uniform(math.log(0.3), math.log(5.0)))  # what tells one spot of asphalt from the next
+    drawn = drawn + _noise(rng, drawn.shape, 1.0) * grain + _noise(rng, drawn.shape, 25.0) * (14.0 * irregular)
     drawn = cv2.GaussianBlur(drawn, (0, 0), 0.7)
     h, w = drawn.shape
     turn = cv2.getRotationMatrix2D(((w - 1) / 2, (h - 1) / 2), rng.uniform(0, 360), 1.0)
