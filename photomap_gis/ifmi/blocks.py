@@ -1,4 +1,4 @@
-"""The motion that is left, block by block, after a similarity has been taken out: tilt, relief, or nothing but noise.
+"""The motion that is left, block by block, after a motion has been taken out: tilt, relief, or nothing but noise.
 
 From it come the model sigma (what no similarity can express), the last correction of the motion towards the one that
 fits the whole overlap evenly, its covariance, and one of the witnesses of whether the registration is right.
@@ -6,109 +6,130 @@ fits the whole overlap evenly, its covariance, and one of the witnesses of wheth
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.ifmi.align import CAUCHY, look_up, typical
 from photomap_gis.ifmi.kernels import Image32
-from photomap_gis.ifmi.overlap import on_floor
-from photomap_gis.ifmi.refine import CAUCHY, look_up_at, typical
 from photomap_gis.ifmi.spectrum import Floor
 from photomap_gis.ifmi.template import BLOCKS
 
 LEAST_CORRELATION = 0.3
-LEAST_SURE_PX = 0.5
+LEAST_SURE_PX = 1.5
 FURTHEST_PX = 6.0
 """Blocks that want to move further than this many pixels of the floor have lost their way."""
+LONGEST_STEP_PX = 2.0
+ODD = 3.0
+"""A block is odd whose correlation lacks so many times more to 1 than that of the median block."""
+FEWEST_ODD = 2
+CONVINCING = 0.7
+BETTER = 0.1
+"""An odd block's new place must correlate so well, and so much better than where it should have been."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockMotion:
-    """Residual displacements of K blocks of b, in b's frame pixels and axes: true is ``T_a_b.apply(p + d)``.
+    """Residual displacements of K blocks of b, in field coordinates: true is ``G(q + d)``.
 
-    ``centre`` and ``displacement`` are ``(K, 2)``, ``covariance`` ``(K, 2, 2)`` as if residuals were independent,
+    ``centre`` and ``displacement`` are ``(K, 2)``, ``variance`` ``(K,)`` per axis as if residuals were independent,
     ``correlation`` ``(K,)`` after the displacement; ``solved`` ``(K,)`` where the block had enough to say;
     ``visible`` ``(K,)`` where it lies in a at all.
     """
 
     centre: FloatArray
     displacement: FloatArray
-    covariance: FloatArray
+    variance: FloatArray
     correlation: FloatArray
     solved: np.ndarray
     visible: np.ndarray
 
-
-Bend = Callable[[FloatArray], FloatArray]
-
-
-def _straight(p: FloatArray) -> FloatArray:
-    return np.zeros_like(p)
+    def replaced(self, blocks: np.ndarray, other: BlockMotion, which: np.ndarray) -> BlockMotion:
+        """Return the motion with that of ``blocks`` taken from the blocks ``which`` of another."""
+        fields = {}
+        for name in ("centre", "displacement", "variance", "correlation", "solved"):
+            fields[name] = getattr(self, name).copy()
+            fields[name][blocks] = getattr(other, name)[which]
+        return replace(self, **fields)
 
 
 def block_motion(
-    floors_a: tuple[Floor, ...],
-    floors_b: tuple[Floor, ...],
-    T_a_b: Similarity2D,
-    bend: Bend = _straight,
-    *,
-    steps: int = 4,
+    floors_a: tuple[Floor, ...], floors_b: tuple[Floor, ...], G: FloatArray, *, coarsest: int | None, attenuation: float
 ) -> BlockMotion:
-    """Return the residual motion of a grid of blocks of b, over floors passed coarsest first.
+    """Return the residual motion of a grid of blocks of b on the finest floor.
 
-    ``bend`` maps ``(N, 2)`` points of b (frame pixels) to the displacements that are known already: blocks are
-    compared along it, search from there, and their displacements contain it.
+    Blocks that do not look like the others there (something stands high, or has moved) are looked for again from the
+    floor ``coarsest`` down (``None``: they are not), and keep what they find where it is convincing. ``attenuation``
+    is that of ``Alignment``.
     """
-    d = np.zeros((BLOCKS, 2))
-    for a, b in zip(floors_a, floors_b, strict=True):
-        extra, motion = _solve_floor(a, b, on_floor(T_a_b, b.factor), d / b.factor, bend, steps)
-        d = np.where(motion.solved[:, None], extra * b.factor, d)
-    return replace(motion, displacement=d + bend(motion.centre))
+    every = np.arange(BLOCKS)
+    found = _on_floor(floors_a[0], floors_b[0], G, every, np.zeros((BLOCKS, 2)), attenuation, steps=2)
+    seen = found.correlation[found.visible]
+    if coarsest is None or len(seen) == 0:
+        return found
+    usual = 1.0 - ODD * (1.0 - float(np.median(seen)))
+    odd = every[found.visible & ((found.correlation < usual) | ~found.solved)]
+    if len(odd) < FEWEST_ODD:
+        return found
+    start = np.zeros((len(odd), 2))
+    for k in range(coarsest, -1, -1):
+        again = _on_floor(floors_a[k], floors_b[k], G, odd, start, attenuation, steps=3)
+        start = np.where(again.solved[:, None], again.displacement, start)
+    better = again.solved & (again.correlation > np.maximum(CONVINCING, found.correlation[odd] + BETTER))
+    return found.replaced(odd[better], again, better)
 
 
-def _solve_floor(
-    a: Floor, b: Floor, T: Similarity2D, d: FloatArray, bend: Bend, steps: int
-) -> tuple[FloatArray, BlockMotion]:
-    t, f, start = b.template, b.factor, d
-    points = np.stack([t.x.ravel(), t.y.ravel()], axis=1).astype(np.float64)
-    bent = T.apply(points + bend(points * f) / f).astype(np.float32)
-    bent_x, bent_y = bent[:, 0].reshape(t.x.shape), bent[:, 1].reshape(t.x.shape)
+def _on_floor(
+    a: Floor, b: Floor, G: FloatArray, blocks: np.ndarray, start: FloatArray, attenuation: float, *, steps: int
+) -> BlockMotion:
+    """Return the motion of some blocks, searched from ``start`` ``(len(blocks), 2)``."""
+    t = b.template.of_blocks(blocks)
+    px = 2.0 / max(b.shape)  # a pixel of the floor in field coordinates
+    d = start
     textured = (t.gx != 0) | (t.gy != 0)
-    L = T.linear
     for _ in range(steps):
-        moved = (d @ L.T).astype(np.float32)
-        seen, valid = look_up_at(a, bent_x + moved[:, :1], bent_y + moved[:, 1:])
+        moved = d.astype(np.float32)
+        seen, valid = look_up(a, G, t.qx + moved[:, :1], t.qy + moved[:, 1:])
         valid &= textured
         weight = valid.astype(np.float32)
         gain = np.clip(_sums(weight * seen, t.value) / np.maximum(_sums(weight * t.value, t.value), 1e-9), 0.05, 3.0)
         residual = seen - gain[:, None].astype(np.float32) * t.value
-        weight /= 1.0 + (residual / np.float32(CAUCHY * typical(residual, valid))) ** 2
+        weight /= np.float32(1.0) + np.square(residual * np.float32(1.0 / (CAUCHY * typical(residual, valid))))
         wx, wy = weight * t.gx, weight * t.gy
         hxx, hxy, hyy = _sums(wx, t.gx), _sums(wx, t.gy), _sums(wy, t.gy)
         bx, by = _sums(wx, residual), _sums(wy, residual)
         ridge = 1e-3 * (hxx + hyy) + 1e-6
         hxx, hyy = hxx + ridge, hyy + ridge
-        determinant = hxx * hyy - hxy**2
-        step = -np.stack([hyy * bx - hxy * by, hxx * by - hxy * bx], axis=1) / (determinant * gain)[:, None]
-        step *= np.minimum(1.0, 2.0 / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
+        determinant = np.maximum(hxx * hyy - hxy**2, 1e-12)
+        step = (
+            -np.stack([hyy * bx - hxy * by, hxx * by - hxy * bx], axis=1) / (determinant * gain * attenuation)[:, None]
+        )
+        step *= np.minimum(1.0, LONGEST_STEP_PX * px / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
         d = d + step
-        lost = np.hypot(*(d - start).T) > FURTHEST_PX
+        lost = np.hypot(*(d - start).T) > FURTHEST_PX * px
         d = np.where(lost[:, None], start, d)
-    count = valid.sum(axis=1)
-    power = _sums(weight * seen, seen) * _sums(weight * t.value, t.value)
-    correlation = _sums(weight * seen, t.value) / np.sqrt(np.maximum(power, 1e-12))
-    sigma2 = _sums(weight * residual, residual) / np.maximum(weight.sum(axis=1), 1.0)
-    s = (sigma2 / (gain**2 * np.maximum(determinant, 1e-12)))[:, None, None]
-    covariance = s * np.stack([hyy, -hxy, -hxy, hxx], axis=1).reshape(-1, 2, 2) * f**2
-    visible = count >= 0.5 * t.x.shape[1]
-    sure = np.linalg.eigvalsh(covariance)[:, 1] < (LEAST_SURE_PX * f) ** 2
+    # The residual was seen before the last step: what the step explains is taken out of it.
+    total = np.maximum(weight.sum(axis=1, dtype=np.float64), 1.0)
+    left = residual + (gain[:, None] * (t.gx * step[:, :1] + t.gy * step[:, 1:])).astype(np.float32)
+    sigma2 = _sums(weight * left, left) / total
+    model = gain[:, None].astype(np.float32) * t.value
+    power_b = _sums(weight * model, model) / total
+    correlation = np.sqrt(power_b / np.maximum(power_b + sigma2, 1e-12))
+    variance = 0.5 * sigma2 * (hxx + hyy) / ((gain * attenuation) ** 2 * determinant)
+    largest = sigma2 / ((gain * attenuation) ** 2 * np.maximum(_smaller_eigenvalue(hxx, hxy, hyy), 1e-9))
+    visible = np.count_nonzero(valid, axis=1) >= 0.5 * t.qx.shape[1]
     # A block's motion is that of where its contrast is, not of its middle.
     say = weight * (t.gx * t.gx + t.gy * t.gy) + np.float32(1e-9)
-    centre = np.stack([_sums(say, t.x), _sums(say, t.y)], axis=1) / say.sum(axis=1, dtype=np.float64)[:, None]
-    solved = visible & ~lost & (correlation > LEAST_CORRELATION) & sure
-    return d, BlockMotion(centre * f, d * f, covariance, correlation, solved, visible)
+    centre = np.stack([_sums(say, t.qx), _sums(say, t.qy)], axis=1) / say.sum(axis=1, dtype=np.float64)[:, None]
+    sure = largest < (LEAST_SURE_PX * px) ** 2
+    solved = visible & ~lost & (gain > 0.05) & (correlation > LEAST_CORRELATION) & sure
+    return BlockMotion(centre, d, variance, correlation, solved, visible)
+
+
+def _smaller_eigenvalue(hxx: FloatArray, hxy: FloatArray, hyy: FloatArray) -> FloatArray:
+    half = 0.5 * (hxx + hyy)
+    return half - np.sqrt((0.5 * (hxx - hyy)) ** 2 + hxy**2)
 
 
 def _sums(x: Image32, y: Image32) -> FloatArray:

@@ -7,39 +7,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
+from photomap_gis.ifmi.align import align, outlying
 from photomap_gis.ifmi.blocks import BlockMotion, block_motion
-from photomap_gis.ifmi.field import Field, Frame, fit_field
-from photomap_gis.ifmi.overlap import Agreement, agreement
-from photomap_gis.ifmi.refine import Fit, refine
-from photomap_gis.ifmi.repeats import Repeat, closest_repeat
+from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, project, visible
 from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
+from photomap_gis.ifmi.uncertainty import NOISE, NOISE_DECORRELATED, USUAL_OUTLIERS, Spread
 
-CORRELATED_RESIDUALS = 3.0
-NOISY_SLOPES = 50.0
-LARGEST_INFLATION = 30.0
-"""Variances that take residuals for independent and slopes for exact grow by CORRELATED_RESIDUALS + NOISY_SLOPES times
-what the correlation lacks to 1 (calibrated on known truth: 3 at 0.98, 11 at 0.85, 30 below 0.5)."""
-SCATTER_SHARE = 0.5
-"""How much of relief's scatter enters the motion's covariance as if every block drew it anew (calibrated)."""
-BEND_SHARE = 0.08
-"""How much of the bend enters the motion's covariance: the field's form is not exactly the ground's (calibrated)."""
-LEAST_SIGMA_PX = 0.01
-OBVIOUS = 40.0
-"""Where tiles speak this clearly for the similarity, the bend need not be looked for before the blocks do."""
-FEWEST_BLOCKS = 6
+FINE_STEPS = 6
+STIFFNESS = 0.02
+"""How much a bend is resisted while the motion is still coarse."""
+OBVIOUS = 30.0
+"""Where tiles speak this clearly for a motion, they need not be asked for a bend of it."""
+LEAST_VARIANCE = 1e-10
+"""A hundred-thousandth of the frame: no block is surer, not even of two copies of one picture."""
+NEARLY_ALL = 0.9
+BENDS = 2
+FEWEST_BLOCKS = 12
 TILE_SIGMA_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lead:
-    """A refined candidate, cross-examined: worth measuring or not."""
+    """A refined candidate, cross-examined: worth measuring or not. ``G`` is its motion (see ``align``)."""
 
-    T_a_b: Similarity2D
-    field: Field | None
+    G: FloatArray
+    correlation: float
+    support: float
     tiles: TilePulses | None
-    fit: Fit
     snr: float
 
     @property
@@ -50,106 +46,145 @@ class Lead:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """The final motion with its uncertainty, and the witnesses' words."""
+    """The final motion with its uncertainty: the similarity closest to what was measured, and ``H_a_b``, measured."""
 
     T_a_b: Similarity2D
     covariance: FloatArray
     model_sigma_px: float
     agreeing: int
     blocks: int
-    tiles: TilePulses | None
-    agreement: Agreement
-    repeat: Repeat | None = None
-    H_a_b: FloatArray | None = None
+    overlap: float
+    correlation: float
+    H_a_b: FloatArray
+    spread: Spread | None = None
 
 
 def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
     """Refine a candidate on the coarse floors and ask the tiles, twice: first where they point, then whether there."""
-    k = min(a.spectral, b.spectral)
-    fit = refine(a.floors[: k - 1 if k else None : -1], b.floors[: k - 1 if k else None : -1], T_a_b, steps=8)
-    if fit.support == 0.0:
-        return Lead(T_a_b, None, None, fit, snr)
-    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
-    tiles = tile_pulses(floor_a, floor_b, fit.T_a_b.matrix)
-    if tiles is None or len(tiles.near) < 2:
-        return Lead(fit.T_a_b, None, tiles, fit, snr)
-    if tiles.summed_snr >= OBVIOUS and float(tiles.near.mean()) >= 0.9:
-        return Lead(fit.T_a_b, None, tiles, fit, snr)
     frame = Frame(*b.size_px)
-    f = floor_b.factor
-    back = np.linalg.inv(fit.T_a_b.linear)
-    noise2 = (TILE_SIGMA_PX * f) ** 2 * (6.0 / np.maximum(tiles.snr, 3.0)) ** 2
-    field = fit_field(frame, tiles.centre, tiles.shift @ back.T, noise2, scatter_share=1.0, start_px=8.0 * f)
-    bent = tile_pulses(floor_a, floor_b, field.matrix(fit.T_a_b))
-    if bent is None or bent.summed_snr <= tiles.summed_snr:
-        return Lead(fit.T_a_b, None, tiles, fit, snr)
-    return Lead(fit.T_a_b, field, bent, fit, snr)
+    G = (T_a_b @ frame.T_b_q).matrix
+    k = a.spectral
+    if k + 1 < len(a.floors):
+        coarse = align(a.floors[k + 1], b.floors[k + 1], G, freedom=4, steps=4, enough_px=0.1)
+        G = coarse.G if coarse.support > 0.0 else G
+    lead = _asked(a, b, G, snr, frame)
+    for _ in range(BENDS):
+        if lead.tiles is None or len(lead.tiles.near) < 4 or _is_obvious(lead.tiles):
+            break
+        bent = _bent(a, b, lead, frame)
+        if bent.strength <= lead.strength:
+            break
+        lead = bent
+    return lead
+
+
+def _is_obvious(tiles: TilePulses) -> bool:
+    return tiles.summed_snr >= OBVIOUS and float(tiles.near.mean()) >= NEARLY_ALL
+
+
+def _bent(a: Spectrum, b: Spectrum, lead: Lead, frame: Frame) -> Lead:
+    """Bend a lead's motion to where its tiles point."""
+    tiles = lead.tiles
+    if tiles is None:
+        return lead
+    f = a.floors[a.spectral].factor
+    # The tiles' shifts are in a's pixels: back through the motion's linear part, they are displacements of q.
+    back = np.linalg.inv(lead.G[:2, :2])
+    unit = f / frame.reach_px
+    noise2 = (TILE_SIGMA_PX * unit) ** 2 * np.square(6.0 / np.maximum(tiles.snr, 3.0))
+    q = frame.T_q_b.apply(tiles.centre)
+    field = fit_field(q, tiles.shift @ back.T, noise2, start=8.0 * unit)
+    return _asked(a, b, lead.G @ field_matrix(field.theta), lead.snr, frame)
+
+
+def _asked(a: Spectrum, b: Spectrum, G: FloatArray, snr: float, frame: Frame) -> Lead:
+    """Refine a motion on the spectral floor and ask the tiles."""
+    k = a.spectral
+    fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=5, enough_px=0.03, stiffness=STIFFNESS)
+    if fit.support == 0.0:
+        return Lead(G, fit.correlation, 0.0, None, snr)
+    tiles = tile_pulses(a.floors[k], b.floors[k], fit.G @ frame.T_q_b.matrix)
+    return Lead(fit.G, fit.correlation, fit.support, tiles, snr)
 
 
 def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     """Return the motion closest to the whole overlap, its covariance and model sigma."""
     frame = Frame(*b.size_px)
-    last = a.spectral + 1
-    floors_a, floors_b = a.floors[:last][::-1], b.floors[:last][::-1]
-    bend = (lambda p: np.zeros_like(p)) if lead.field is None else lead.field.displacement
-    motion = block_motion(floors_a, floors_b, lead.T_a_b, bend, steps=3)
-    field = _field_of(frame, motion)
-    if field is not None:
-        # Once more along the field found: blocks then differ from it by relief and noise only.
-        motion = block_motion(floors_a[-1:], floors_b[-1:], lead.T_a_b, field.displacement, steps=2)
-        field = _field_of(frame, motion)
+    G = lead.G
+    correlation, attenuation = lead.correlation, 1.0
+    for k in range(a.spectral - 1, -1, -1):
+        fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=FINE_STEPS, enough_px=0.02, near=True)
+        if fit.support == 0.0:
+            break
+        G, attenuation = fit.G, fit.attenuation
+    outliers = outlying(a.floors[0], b.floors[0], G)
+    coarsest = min(a.spectral + 1, len(a.floors) - 1) if outliers > USUAL_OUTLIERS else None
+    motion = block_motion(a.floors, b.floors, G, coarsest=coarsest, attenuation=attenuation)
+    field = _field_of(motion)
     blocks = int(motion.visible.sum())
-    if field is None:
-        return _unsettled(a, b, lead, blocks)
-    p = _seen(a, frame, lead.T_a_b, field)
-    correction, covariance, bend2 = field.closest_similarity(p)
-    unit = np.array([1.0, 1.0, 1.0 / frame.reach_px, 1.0 / frame.reach_px])
-    covariance = covariance + np.diag((LEAST_SIGMA_PX**2 + BEND_SHARE**2 * bend2) * unit**2)
-    shift = Similarity2D.translation_of(*frame.centre)
-    limit = 3.0 * math.sqrt(field.scatter2) + 0.01 * frame.reach_px
-    T = lead.T_a_b @ shift @ correction @ shift.inverse()
-    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
-    H_a_b = field.matrix(lead.T_a_b)
+    if field is not None:
+        G = G @ field_matrix(field.theta)
+    weight = visible(frame, G, a.size_px)
+    overlap = _overlap(a, b, G, float(weight.mean()), frame)
+    if field is None or np.count_nonzero(weight) < 4:
+        return _unsettled(frame, G, blocks, overlap, correlation)
+    closest = closest_similarity(frame, G, field.covariance, weight)
+    r = frame.reach_px
+    centre_b, centre_a = frame.T_b_q.translation, (np.array(a.size_px) - 1.0) / 2.0
+    spread = Spread(
+        noise=closest.M @ field.covariance @ closest.M.T,
+        shape=closest.M @ field.shape @ closest.M.T / r**2,
+        scatter2_px2=field.scatter2 * r**2,
+        outliers=outliers,
+        baseline_px=float(np.hypot(*(closest.T_a_b.apply(centre_b) - centre_a))) / closest.T_a_b.scale,
+        bend2_px2=closest.bend2_px2,
+        blocks=len(field.residual2),
+    )
+    limit2 = (3.0 * math.sqrt(field.scatter2) + 0.01) ** 2
     return Measured(
-        T_a_b=T,
-        covariance=0.5 * (covariance + covariance.T),
-        model_sigma_px=math.sqrt(bend2 + field.scatter2),
-        agreeing=int(np.count_nonzero(np.sqrt(2.0 * field.residual2) < limit)),
+        T_a_b=closest.T_a_b,
+        covariance=spread.covariance(),
+        model_sigma_px=math.sqrt(spread.bend2_px2 + spread.scatter2_px2),
+        spread=spread,
+        agreeing=int(np.count_nonzero(2.0 * field.residual2 < limit2)),
         blocks=blocks,
-        tiles=tile_pulses(floor_a, floor_b, H_a_b),
-        agreement=agreement(floor_a, floor_b, T),
-        repeat=closest_repeat(floor_a, floor_b, H_a_b),
-        H_a_b=H_a_b,
+        overlap=overlap,
+        correlation=correlation,
+        H_a_b=_homography(G, frame),
     )
 
 
-def _field_of(frame: Frame, motion: BlockMotion) -> Field | None:
+def _field_of(motion: BlockMotion) -> Field | None:
     use = motion.solved
     if int(use.sum()) < FEWEST_BLOCKS:
         return None
-    noise2 = 0.5 * np.trace(motion.covariance[use], axis1=1, axis2=2) * _inflation(motion.correlation[use])
-    return fit_field(frame, motion.centre[use], motion.displacement[use], noise2, scatter_share=SCATTER_SHARE)
+    noise2 = np.maximum(motion.variance[use], LEAST_VARIANCE) * (
+        NOISE + NOISE_DECORRELATED * (1.0 - motion.correlation[use])
+    )
+    return fit_field(motion.centre[use], motion.displacement[use], noise2)
 
 
-def _inflation(correlation: FloatArray) -> FloatArray:
-    """Return by how much variances grow at ``(K,)`` correlations."""
-    return np.minimum(CORRELATED_RESIDUALS + NOISY_SLOPES * (1.0 - correlation), LARGEST_INFLATION)
+def _overlap(a: Spectrum, b: Spectrum, G: FloatArray, share: float, frame: Frame) -> float:
+    """Return the overlap as a share of the smaller frame, both seen from a."""
+    area_b = abs(float(np.linalg.det(G[:2, :2]))) / frame.reach_px**2 * b.shape[0] * b.shape[1]
+    return min(1.0, share * area_b / min(float(a.shape[0] * a.shape[1]), area_b))
 
 
-def _seen(a: Spectrum, frame: Frame, T_a_b: Similarity2D, field: Field) -> FloatArray:
-    """``(N, 2)`` points evenly over what b shows of a's frame."""
-    p = frame.grid()
-    q = T_a_b.apply(p + field.displacement(p))
-    inside = (q >= -0.5).all(axis=1) & (q <= np.array(a.size_px) - 0.5).all(axis=1)
-    return p[inside] if int(inside.sum()) >= 4 else p
+def similarity_of(G: FloatArray, b: Spectrum) -> Similarity2D:
+    """Return the similarity closest to a motion over the whole of b."""
+    frame = Frame(*b.size_px)
+    return fit_similarity(project(G, frame.grid()), frame.grid()) @ frame.T_q_b
 
 
-def _unsettled(a: Spectrum, b: Spectrum, lead: Lead, blocks: int) -> Measured:
+def _homography(G: FloatArray, frame: Frame) -> FloatArray:
+    H = G @ frame.T_q_b.matrix
+    return np.asarray(H / H[2, 2], np.float64)
+
+
+def _unsettled(frame: Frame, G: FloatArray, blocks: int, overlap: float, correlation: float) -> Measured:
     """Return the photometric fit, widened: too few blocks could confirm it."""
-    fit, reach = lead.fit, max(b.shape) / 2.0
-    ridge = np.diag([1e-4, 1e-4, 1e-4 * reach**2, 1e-4 * reach**2])
-    base = np.linalg.inv(fit.information / LARGEST_INFLATION + ridge)
-    least = 0.005 * reach
-    covariance = np.asarray(base + np.diag([least**2, least**2, 0.005**2, 0.005**2]), np.float64)
-    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
-    return Measured(fit.T_a_b, covariance, least, 0, blocks, lead.tiles, agreement(floor_a, floor_b, fit.T_a_b))
+    r = frame.reach_px
+    least = 0.01 * r
+    wide = np.diag([least**2, least**2, 0.01**2, 0.01**2])
+    T = fit_similarity(project(G, frame.grid()), frame.grid()) @ frame.T_q_b
+    return Measured(T, wide, least, 0, blocks, overlap, correlation, _homography(G, frame))

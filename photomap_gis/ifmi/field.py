@@ -1,148 +1,193 @@
 """A smooth field of residual motion over a frame: a small homography beside the similarity, and its robust fit.
 
-Eight degrees of freedom in pixels at ``reach_px`` from b's centre: shift x, shift y, turn, growth (the similarity),
-two stretches and two perspectives (the *bend*, which no similarity can express).
+Eight parameters in field coordinates (origin b's centre, unit half its longer side): shift x, shift y, turn, growth
+(the similarity), two stretches and two perspectives (the *bend*, which no similarity can express).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
 
 BEND_PRIOR = 0.06
-"""One sigma of stretch and perspective before looking: displacement at ``reach_px`` over that length."""
-GRID_POINTS = 15
+"""One sigma of stretch and perspective before looking."""
+GRID_POINTS = 24
+"""Points of the grid along the longer side."""
+LEAST_SCATTER = 1e-4
+ROUNDS = 5
+SIGNIFICANT = 1.5
+"""Scatter counts from so many standard deviations of what noise alone would show."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Frame:
-    """The frame b that a field lives on: its size, the field's origin (its centre), the field's unit of length."""
+    """The frame b that a field lives on."""
 
     width_px: int
     height_px: int
 
     @property
-    def centre(self) -> FloatArray:
-        """``(2,)`` centre in pixels."""
-        return np.array([(self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0])
-
-    @property
     def reach_px(self) -> float:
-        """Half the longer side."""
+        """The unit of field coordinates: half the longer side."""
         return max(self.width_px, self.height_px) / 2.0
 
+    @property
+    def T_q_b(self) -> Similarity2D:
+        """From b's pixels to field coordinates."""
+        r = self.reach_px
+        return Similarity2D((1.0 - self.width_px) / (2.0 * r), (1.0 - self.height_px) / (2.0 * r), 0.0, -math.log(r))
+
+    @property
+    def T_b_q(self) -> Similarity2D:
+        """From field coordinates to b's pixels."""
+        return Similarity2D((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0, 0.0, math.log(self.reach_px))
+
     def grid(self) -> FloatArray:
-        """``(N, 2)`` points evenly over the frame."""
-        cell = (np.arange(GRID_POINTS) + 0.5) / GRID_POINTS
-        x, y = np.meshgrid(cell * self.width_px - 0.5, cell * self.height_px - 0.5)
-        return np.stack([x.ravel(), y.ravel()], axis=1)
+        """``(N, 2)`` field coordinates evenly over the frame."""
+        return _grid(self.width_px, self.height_px)
+
+
+@lru_cache(maxsize=16)
+def _grid(width_px: int, height_px: int) -> FloatArray:
+    longer = max(width_px, height_px)
+    sides = []
+    for side in (width_px, height_px):
+        n = max(4, round(GRID_POINTS * side / longer))  # cells are as good as square
+        sides.append(((np.arange(n) + 0.5) / n - 0.5) * side / (longer / 2.0))
+    x, y = np.meshgrid(*sides)
+    grid = np.stack([x.ravel(), y.ravel()], axis=1)
+    grid.setflags(write=False)
+    return grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """``theta`` ``(8,)`` and its covariance; ``scatter2`` the variance per axis that the field leaves, noise apart.
+    """``theta`` ``(8,)`` and its covariance by noise alone; ``scatter2`` what else it leaves, a variance an axis.
 
-    ``residual2`` ``(K,)`` is half the squared distance of every observation from the field.
+    ``shape`` ``(8, 8)`` is the covariance by displacements of unit variance. ``residual2`` ``(K,)`` is half the squared
+    distance of every observation from the field.
     """
 
-    frame: Frame
     theta: FloatArray
     covariance: FloatArray
+    shape: FloatArray
     scatter2: float
     residual2: FloatArray
 
-    def displacement(self, p: FloatArray) -> FloatArray:
-        """``(N, 2)`` displacements at ``(N, 2)`` points of b; the field's exact homography, not its derivative."""
-        return displacement(self.frame, p, self.theta)
 
-    def matrix(self, T_a_b: Similarity2D) -> FloatArray:
-        """``(3, 3)`` homography from b to a: the field, then ``T_a_b``."""
-        t, r = self.theta, self.frame.reach_px
-        H = np.array(
-            [
-                [1.0 + (t[3] + t[4]) / r, (t[5] - t[2]) / r, t[0]],
-                [(t[2] + t[5]) / r, 1.0 + (t[3] - t[4]) / r, t[1]],
-                [-t[6] / r**2, -t[7] / r**2, 1.0],
-            ]
-        )
-        shift = Similarity2D.translation_of(*self.frame.centre)
-        return T_a_b.matrix @ shift.matrix @ H @ shift.inverse().matrix
+@dataclass(frozen=True, slots=True, eq=False)
+class Closest:
+    """The similarity ``T_a_b`` closest to a motion with a field.
 
-    def closest_similarity(self, p: FloatArray) -> tuple[Similarity2D, FloatArray, float]:
-        """Return the similarity about b's centre closest to the field at ``(N, 2)`` points.
-
-        Also its ``(4, 4)`` covariance (order ``DOF``) and the mean square per axis of what it leaves of the field.
-        """
-        centre, r = self.frame.centre, self.frame.reach_px
-        q = p - centre
-        moved = q + self.displacement(p)
-        closest = fit_similarity(moved, q)
-        flat = basis(self.frame, p).reshape(-1, 8)
-        share = np.linalg.lstsq(flat[:, :4], flat[:, 4:], rcond=None)[0]
-        bend = flat[:, 4:] - flat[:, :4] @ share
-        left2 = 0.5 * float(np.mean(np.sum((closest.apply(q) - moved) ** 2, axis=1)))
-        left2 -= float(np.mean(np.einsum("ni,ij,nj->n", bend, self.covariance[4:, 4:], bend)))
-        M = np.diag([1.0, 1.0, 1.0 / r, 1.0 / r]) @ np.hstack([np.eye(4), share])
-        return closest, M @ self.covariance @ M.T, max(left2, 0.0)
-
-
-def fit_field(
-    frame: Frame,
-    points: FloatArray,
-    shifts: FloatArray,
-    noise2: FloatArray,
-    *,
-    scatter_share: float,
-    start_px: float | None = None,
-) -> Field:
-    """Return the robust fit to K ``(K, 2)`` shifts at ``(K, 2)`` points with variances ``(K,)`` per axis.
-
-    ``scatter_share`` is how much of the scatter counts as noise of the field. With ``start_px`` the fit begins with so
-    wide a robust scale and narrows it: for shifts of which many may be nonsense.
+    ``M`` ``(4, 8)`` takes the field's parameters to xi about b's centre in b's pixels; ``bend2_px2`` is the mean square
+    an axis, in b's pixels, of what the similarity leaves of the motion.
     """
-    B = basis(frame, points)
-    r = frame.reach_px
-    prior = np.diag([1e-6] * 4 + [1.0 / (BEND_PRIOR * r) ** 2] * 4)
-    freedom = max(0.3, 1.0 - 8.0 / (2.0 * len(points)))
+
+    T_a_b: Similarity2D
+    M: FloatArray
+    bend2_px2: float
+
+
+def field_matrix(theta: FloatArray) -> FloatArray:
+    """``(3, 3)`` homography of field coordinates by the first 4 or all 8 parameters."""
+    t = theta
+    if len(t) == 4:
+        return np.array([[1.0 + t[3], -t[2], t[0]], [t[2], 1.0 + t[3], t[1]], [0.0, 0.0, 1.0]])
+    return np.array(
+        [[1.0 + t[3] + t[4], t[5] - t[2], t[0]], [t[2] + t[5], 1.0 + t[3] - t[4], t[1]], [-t[6], -t[7], 1.0]]
+    )
+
+
+def project(H: FloatArray, p: FloatArray) -> FloatArray:
+    """``(N, 2)`` points through a ``(3, 3)`` homography; points on its horizon and beyond come back far away."""
+    h = p @ H[:, :2].T + H[:, 2]
+    return np.asarray(h[:, :2] / np.maximum(h[:, 2:], 0.05), np.float64)
+
+
+def basis(q: FloatArray) -> FloatArray:
+    """``(N, 2, 8)`` derivative of the displacement at ``(N, 2)`` field coordinates by theta at 0."""
+    x, y = q.T
+    B = np.zeros((len(q), 2, 8))
+    B[:, 0, 0] = B[:, 1, 1] = 1.0
+    B[:, 0, 2], B[:, 1, 2] = -y, x
+    B[:, 0, 3], B[:, 1, 3] = x, y
+    B[:, 0, 4], B[:, 1, 4] = x, -y
+    B[:, 0, 5], B[:, 1, 5] = y, x
+    B[:, 0, 6], B[:, 1, 6] = x * x, x * y
+    B[:, 0, 7], B[:, 1, 7] = x * y, y * y
+    return B
+
+
+def fit_field(q: FloatArray, shifts: FloatArray, noise2: FloatArray, *, start: float | None = None) -> Field:
+    """Return the robust fit to K ``(K, 2)`` shifts at ``(K, 2)`` field coordinates with variances ``(K,)`` per axis.
+
+    With ``start`` the fit begins with so wide a robust scale and narrows it: for shifts of which many may be nonsense.
+    """
+    B = basis(q).reshape(-1, 8)
+    prior = np.diag([1e-6] * 4 + [1.0 / BEND_PRIOR**2] * 4)
+    freedom = max(0.3, 1.0 - 8.0 / (2.0 * len(q)))
     noise = float(np.median(noise2))
     theta, left = np.zeros(8), shifts
     left2 = 0.5 * np.sum(left * left, axis=1)
-    scatter2, gate2 = 0.01, None if start_px is None else start_px**2
-    for _ in range(8):
+    scatter2, gate2 = LEAST_SCATTER * noise, None if start is None else start**2
+    for _ in range(ROUNDS if start is None else ROUNDS + 3):
         if gate2 is not None:
             scale2 = np.maximum(noise2, gate2)
-            weight = 1.0 / (scale2 * (1.0 + left2 / scale2) ** 2)
+            weight = 1.0 / (scale2 * np.square(1.0 + left2 / scale2))
             gate2 = gate2 / 3.0 if gate2 > noise else None
         else:
-            # The median of squares of a 2-D Gaussian is log 2 times its mean.
-            scatter2 = max(float(np.median(left2)) / math.log(2.0) / freedom - noise, 1e-4)
+            scatter2 = _scatter2(left2 / freedom, noise2)
             weight = 1.0 / ((noise2 + scatter2) * (1.0 + left2 / (6.0 * (scatter2 + noise2))))
-        BW = B.reshape(-1, 8).T * np.repeat(weight, 2)
-        theta = theta + np.linalg.solve(BW @ B.reshape(-1, 8) + prior, BW @ left.ravel() - prior @ theta)
-        left = shifts - displacement(frame, points, theta)
+        BW = B.T * np.repeat(weight, 2)
+        theta = theta + np.linalg.solve(BW @ B + prior, BW @ left.ravel() - prior @ theta)
+        left = shifts - (project(field_matrix(theta), q) - q)
         left2 = 0.5 * np.sum(left * left, axis=1)
-    robust = 1.0 / (1.0 + left2 / (6.0 * (scatter2 + noise2)))
-    w = robust / (noise2 + scatter_share * scatter2)
-    covariance = np.linalg.inv(np.einsum("nki,n,nkj->ij", B, w, B) + prior)
-    return Field(frame, theta, covariance, scatter2, left2)
+    # Whatever else moves the blocks, the weights used are these: their sandwich carries both kinds of error.
+    bread = np.linalg.inv((B.T * np.repeat(weight, 2)) @ B + prior)
+    noise_filling = (B.T * np.repeat(weight**2 * noise2, 2)) @ B
+    unit_filling = (B.T * np.repeat(weight**2, 2)) @ B
+    return Field(theta, bread @ noise_filling @ bread, bread @ unit_filling @ bread, scatter2, left2)
 
 
-def basis(frame: Frame, points: FloatArray) -> FloatArray:
-    """``(N, 2, 8)`` derivative of the displacement by theta at 0."""
-    x, y = ((points - frame.centre) / frame.reach_px).T
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    rows = [[one, zero, -y, x, x, y, x * x, x * y], [zero, one, x, y, -y, x, x * y, y * y]]
-    return np.array(rows).transpose(2, 0, 1)
+def _scatter2(left2: FloatArray, noise2: FloatArray) -> float:
+    """Return how much more ``(K,)`` squared residuals (per axis) are than their variances, where it is significant."""
+    chance = 1.0 + SIGNIFICANT / math.sqrt(len(left2))
+    noise = float(np.mean(noise2))
+    return max(float(np.mean(left2)) - chance * noise, LEAST_SCATTER * noise)
 
 
-def displacement(frame: Frame, points: FloatArray, theta: FloatArray) -> FloatArray:
-    """``(N, 2)`` displacement by the homography whose derivative at zero is ``basis``."""
-    p = points - frame.centre
-    t, r = theta, frame.reach_px
-    linear = np.array([[1.0 + (t[3] + t[4]) / r, (t[5] - t[2]) / r], [(t[2] + t[5]) / r, 1.0 + (t[3] - t[4]) / r]])
-    depth = np.clip(1.0 - p @ t[6:] / r**2, 0.2, 5.0)
-    return np.asarray((p @ linear.T + t[:2]) / depth[:, None] - p, np.float64)
+def visible(frame: Frame, G: FloatArray, size_a_px: tuple[int, int]) -> FloatArray:
+    """``(N,)`` how much of the cell around every point of ``frame.grid()`` lies in a under the motion ``G``, 0..1."""
+    p = project(G, frame.grid())
+    extent = np.array(size_a_px, np.float64)
+    cell = math.sqrt(abs(float(np.linalg.det(G[:2, :2])))) / frame.reach_px * max(frame.width_px, frame.height_px)
+    inner = np.minimum(p + 0.5, extent - 0.5 - p) * (GRID_POINTS / cell)
+    share: FloatArray = np.clip(inner + 0.5, 0.0, 1.0).prod(axis=1)
+    return share
+
+
+def closest_similarity(frame: Frame, G: FloatArray, covariance: FloatArray, weight: FloatArray) -> Closest:
+    """Return the similarity closest to the motion ``G`` (field coordinates to a) over ``frame.grid()`` by weights.
+
+    ``covariance`` ``(8, 8)`` is of the field's parameters; ``weight`` ``(N,)``.
+    """
+    use = weight > 0.0
+    q, w = frame.grid()[use], weight[use] / weight.sum()
+    moved = project(G, q)
+    T_a_q = fit_similarity(moved, q, w)
+    flat = basis(q).reshape(-1, 8)
+    weighted = flat[:, :4].T * np.repeat(w, 2)
+    share = np.linalg.solve(weighted @ flat[:, :4], weighted @ flat[:, 4:])
+    bend = flat[:, 4:] - flat[:, :4] @ share
+    bend2 = 0.5 * float(w @ np.sum((T_a_q.apply(q) - moved) ** 2, axis=1))
+    # The bend's own error is no bend.
+    own = (bend @ covariance[4:, 4:] * bend).sum(axis=1).reshape(-1, 2).sum(axis=1)
+    bend2 = bend2 / T_a_q.scale**2 - 0.5 * float(w @ own)
+    r = frame.reach_px
+    M = np.diag([r, r, 1.0, 1.0]) @ np.hstack([np.eye(4), share])
+    return Closest(T_a_q @ frame.T_q_b, M, max(bend2, 0.0) * r**2)

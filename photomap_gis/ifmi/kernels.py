@@ -20,6 +20,9 @@ Spectrum64 = npt.NDArray[np.complex64]
 Mask8 = npt.NDArray[np.uint8]
 Picture = TypeVar("Picture", Image32, Mask8)
 
+LARGEST_PACKED = 320
+"""Wider pictures go through SciPy: unpacking OpenCV's layout costs them more than its transform saves."""
+
 
 def fft_size(size: int) -> int:
     """Return the smallest even length >= ``size`` that transforms fast."""
@@ -34,6 +37,8 @@ def fft_size(size: int) -> int:
 def forward_fft(image: Image32) -> Spectrum64:
     """``(h, w // 2 + 1)`` half spectrum of a real ``(h, w)`` image; h and w must be even."""
     h, w = image.shape
+    if w > LARGEST_PACKED:
+        return np.asarray(scipy.fft.rfft2(image), np.complex64)
     packed = cv2.dft(image)
     half = np.empty((h, w // 2 + 1), np.complex64)
     half.view(np.float32)[:, 2:w] = packed[:, 1 : w - 1]
@@ -50,6 +55,8 @@ def forward_fft(image: Image32) -> Spectrum64:
 def inverse_fft(half: Spectrum64) -> Image32:
     """Real ``(h, w)`` image of an ``(h, w // 2 + 1)`` half spectrum; w is taken to be even."""
     h, w = half.shape[0], 2 * (half.shape[1] - 1)
+    if w > LARGEST_PACKED:
+        return np.asarray(scipy.fft.irfft2(half), np.float32)
     packed = np.empty((h, w), np.float32)
     packed[:, 1 : w - 1] = half.view(np.float32)[:, 2:w]
     for column, stored in ((0, 0), (w // 2, w - 1)):
@@ -80,9 +87,11 @@ def warp_similarity(image: Picture, T_out_in: Similarity2D, shape: tuple[int, in
     return warped
 
 
-def sample(image: Picture, x: Image32, y: Image32) -> Picture:
-    """Bilinear values at float maps of equal shape; 0 outside."""
-    values: Picture = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+def sample(image: Picture, x: Image32, y: Image32, outside: float = 0.0) -> Picture:
+    """Bilinear values at float maps of equal shape; beyond the border the picture holds ``outside``."""
+    values: Picture = cv2.remap(
+        image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,) * 4
+    )
     return values
 
 

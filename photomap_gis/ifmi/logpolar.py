@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, sample
-from photomap_gis.ifmi.pomf import whiten
+from photomap_gis.ifmi.pomf import half_whiten
+from photomap_gis.ifmi.window import tukey
 
 ANGLES = 256
 RADII = 192
@@ -32,8 +33,6 @@ PADDING = 2
 """The picture is padded to so many times its size: magnitudes are read between the spectrum's samples."""
 RADIUS_EXPONENT = 0.4
 """Radii are weighted by this power: fine detail tells a turn better than coarse."""
-WHITENING = 0.4
-"""How far the log-polar spectrum is whitened (1: phase only). Its noise is not white: half the peaks are lost at 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,25 +67,17 @@ def log_polar(S: Spectrum64) -> Image32:
     radius loses its mean over the angles, which says nothing about a turn and would only tie scale to blur.
     """
     h, half = S.shape
-    magnitude = np.fft.fftshift(np.abs(S), axes=0)
-    floor = np.float32(NOISE_FLOOR * float(np.median(magnitude)) + 1e-9)
-    log_magnitude: Image32 = cv2.log(magnitude + floor)
     grid = log_polar_grid((h, 2 * (half - 1)))
-    P = sample(log_magnitude, grid.x, grid.y)
+    magnitude = np.abs(S)
+    floor = np.float32(NOISE_FLOOR * float(np.median(magnitude[::4, ::4])) + 1e-9)
+    magnitude += floor
+    log_magnitude = cv2.log(magnitude)
+    # Rows in the order of the frequency, without a copy of the whole: the reading grid takes two halves.
+    P = sample(np.concatenate([log_magnitude[h // 2 :], log_magnitude[: h // 2]]), grid.x, grid.y)
     P -= P.mean(axis=0, keepdims=True)
     return P * grid.window
 
 
 def log_polar_spectrum(S: Spectrum64) -> Spectrum64:
     """Return the partly whitened half spectrum of the log-polar picture, ready for the matched filter."""
-    return whiten(forward_fft(log_polar(S)), WHITENING)
-
-
-@lru_cache(maxsize=32)
-def tukey(n: int, taper: float) -> Image32:
-    """``(n,)`` flat window whose ends fade over the share ``taper`` of its length (half at each end)."""
-    x = (np.arange(n) + 0.5) / n
-    ramp = np.clip(np.minimum(x, 1.0 - x) / max(taper / 2.0, 1e-9), 0.0, 1.0)
-    window: Image32 = (0.5 - 0.5 * np.cos(math.pi * ramp)).astype(np.float32)
-    window.setflags(write=False)
-    return window
+    return half_whiten(forward_fft(log_polar(S)))

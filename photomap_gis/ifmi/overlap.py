@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.ifmi.kernels import warp_similarity
-from photomap_gis.ifmi.spectrum import Floor
+from photomap_gis.ifmi.spectrum import FAR, Floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,30 +25,24 @@ class Agreement:
         return self.correlation * math.sqrt(max(self.overlap, 0.0))
 
 
-NOTHING = Agreement(0.0, 0.0)
-
-
 def agreement(a: Floor, b: Floor, T_a_b: Similarity2D) -> Agreement:
     """Return how floors a and b of equal factor agree under ``T_a_b``, given in the frames' own pixels."""
     T = on_floor(T_a_b, a.factor)
-    warped = warp_similarity(b.values, T, a.shape)
-    inside = warp_similarity(full_mask(b), T, a.shape) > 250
-    if a.mask is not None:
-        inside &= a.mask > 0
+    h, w = a.shape
+    warped = cv2.warpAffine(
+        b.seen, T.matrix[:2], (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
+    ).ravel()
+    seen = a.seen.ravel()
+    inside = (warped < np.float32(30.0)) & (seen < np.float32(30.0))
     n = int(np.count_nonzero(inside))
-    smaller = min(a.values.size, b.values.size * T.scale**2)
+    overlap = n / min(a.values.size, b.values.size * T.scale**2)
     if n < 64:
-        return Agreement(0.0, n / smaller)
-    va, vb = a.values[inside], warped[inside]
-    va = va - va.mean()
-    vb = vb - vb.mean()
-    power = float(va @ va) * float(vb @ vb)
-    return Agreement(float(va @ vb) / math.sqrt(power) if power > 0.0 else 0.0, n / smaller)
-
-
-def full_mask(floor: Floor) -> np.ndarray:
-    """Return the floor's mask, made where there is none."""
-    return np.full(floor.shape, 255, np.uint8) if floor.mask is None else floor.mask
+        return Agreement(0.0, overlap)
+    vb, va = warped * inside, seen * inside
+    sum_a, sum_b = float(va.sum()), float(vb.sum())
+    cross = float(va @ vb) - sum_a * sum_b / n
+    power = (float(va @ va) - sum_a**2 / n) * (float(vb @ vb) - sum_b**2 / n)
+    return Agreement(cross / math.sqrt(power) if power > 0.0 else 0.0, overlap)
 
 
 def on_floor(T_a_b: Similarity2D, factor: int) -> Similarity2D:

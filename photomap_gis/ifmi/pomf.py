@@ -23,16 +23,14 @@ def pomf(A: Image32, B: Image32) -> Image32:
     return pulse_of(whiten(F_A), whiten(F_B))
 
 
-def whiten(F: Spectrum64, exponent: float = 1.0) -> Spectrum64:
-    """Return ``exp(i PHASE(F))``; coefficients without a phase stay 0.
+def whiten(F: Spectrum64) -> Spectrum64:
+    """Return ``exp(i PHASE(F))``; coefficients without a phase stay 0."""
+    return np.asarray(F * (np.float32(1.0) / (np.abs(F) + np.float32(1e-12))), np.complex64)
 
-    With an ``exponent`` below 1 a part of the length is kept: ``F / |F| ** exponent``.
-    """
-    length = np.abs(F)
-    np.maximum(length, np.float32(1e-12), out=length)
-    if exponent != 1.0:
-        length **= np.float32(exponent)
-    return np.asarray(F / length, np.complex64)
+
+def half_whiten(F: Spectrum64) -> Spectrum64:
+    """Return ``F / sqrt(|F|)``: between a phase-only (whitened) and an ordinary matched filter."""
+    return np.asarray(F * (np.float32(1.0) / np.sqrt(np.abs(F) + np.float32(1e-12))), np.complex64)
 
 
 def pulse_of(P_A: Spectrum64, P_B: Spectrum64, low_pass: Image32 | None = None) -> Image32:

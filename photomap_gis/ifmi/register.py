@@ -11,23 +11,18 @@ import numpy.typing as npt
 
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.measurement import Registration
-from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.examine import Lead, Measured, follow, measure
+from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.ifmi.decide import decide
 from photomap_gis.ifmi.features import feature_candidates
 from photomap_gis.ifmi.prior import Prior
 from photomap_gis.ifmi.search import Candidate, search
 from photomap_gis.ifmi.spectrum import FINEST_SIDE_PX, Spectrum, make_spectrum
-from photomap_gis.ifmi.validity import ACCEPT, Evidence, probability_of
+from photomap_gis.ifmi.validity import ACCEPT, probability_of
 from photomap_gis.ifmi.working import shrink, to_grey
 
 logger = logging.getLogger(__name__)
 
 WORKING_SIDE_PX = 512
-CONTENDERS = 5
-ALTERNATIVE = 0.7
-"""Leads at least so strong, as a share of the winner, are handed out as alternatives."""
-CLEAR = 25.0
-"""A lead whose tiles speak this clearly (signal over scatter) needs no further search."""
 
 
 def register(
@@ -39,9 +34,9 @@ def register(
     (``search``, which tries several peaks, both twins and all wraps); then a photometric refinement and a judgement
     that may abstain. Where it abstains, ``fallback`` tries features.
     """
-    result = _judge(spectrum_a, spectrum_b, search(spectrum_a, spectrum_b, prior), prior, "ifmi")
+    result = _registered(spectrum_a, spectrum_b, search(spectrum_a, spectrum_b, prior), prior, "ifmi")
     if fallback and not result.accepted:
-        by_features = _judge(
+        by_features = _registered(
             spectrum_a, spectrum_b, feature_candidates(spectrum_a, spectrum_b, prior), prior, "features"
         )
         if by_features.probability > result.probability:
@@ -86,50 +81,17 @@ def register_images(
     )
 
 
-def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Prior | None, method: str) -> Registration:
-    """Follow up the best candidates, decide between them, measure the winner and how sure the decision is."""
-    apart_px = 0.04 * max(b.shape)
-    leads: list[Lead] = []
-    tried: list[Similarity2D] = []
-    for candidate in candidates:
-        if len(tried) == CONTENDERS:
-            break
-        if any(_distance_px(candidate.T_a_b, T, b) < apart_px for T in tried):
-            continue
-        tried.append(candidate.T_a_b)
-        lead = follow(a, b, candidate.T_a_b, candidate.snr)
-        if prior is not None and not prior.admits(lead.T_a_b, b.size_px):
-            continue
-        leads.append(lead)
-        if lead.strength >= CLEAR:
-            break
-    leads.sort(key=lambda lead: -lead.strength)
-    if not leads or leads[0].fit.support == 0.0:
+def _registered(
+    a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Prior | None, method: str
+) -> Registration:
+    found = decide(a, b, candidates, prior)
+    if found is None:
         return _nothing(a, b, prior, method)
-    best = leads[0]
-    rivals = [r for r in leads[1:] if _distance_px(r.T_a_b, best.T_a_b, b) >= apart_px]
-    measured = measure(a, b, best)
-    tiles = measured.tiles
-    moved = _moved_by_period(measured)
-    if moved is not None and prior is not None and not prior.admits(moved, b.size_px):
-        moved = None  # the prior knows which of the periods it is
-    evidence = Evidence(
-        correlation=measured.agreement.correlation,
-        overlap=measured.agreement.overlap,
-        snr=best.snr,
-        summed_snr=0.0 if tiles is None else tiles.summed_snr,
-        rival=1.0 if tiles is None else tiles.rival,
-        near=0 if tiles is None else int(tiles.near.sum()),
-        tiles=0 if tiles is None else len(tiles.near),
-        agreeing=measured.agreeing,
-        blocks=measured.blocks,
-        contender=rivals[0].strength / max(best.strength, 1e-6) if rivals else 0.0,
-        repeats=moved is not None,
-    )
-    probability = probability_of(evidence)
+    measured = found.measured
+    probability = probability_of(found.evidence)
     if prior is not None and not prior.admits(measured.T_a_b, b.size_px):
         probability = 0.0
-    logger.debug("%d-%d %s %.3f %s", a.index, b.index, method, probability, evidence)
+    logger.debug("%d-%d %s %.3f %s", a.index, b.index, method, probability, found.evidence)
     return Registration(
         T_a_b=measured.T_a_b,
         covariance=measured.covariance,
@@ -138,24 +100,13 @@ def _judge(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         model_sigma_px=measured.model_sigma_px,
         accepted=probability >= ACCEPT,
         method=method,
-        overlap=measured.agreement.overlap,
-        correlation=measured.agreement.correlation,
-        alternatives=(
-            *(r.T_a_b for r in rivals if r.strength > ALTERNATIVE * best.strength),
-            *(() if moved is None else (moved,)),
-        ),
+        overlap=measured.overlap,
+        correlation=measured.correlation,
+        alternatives=found.alternatives,
         a=a.index,
         b=b.index,
         H_a_b=measured.H_a_b,
     )
-
-
-def _moved_by_period(measured: Measured) -> Similarity2D | None:
-    """Return the motion that is as likely because the ground repeats itself, ``None`` where there is none."""
-    repeat = measured.repeat
-    if repeat is None or not repeat.ambiguous:
-        return None
-    return Similarity2D.translation_of(repeat.dx_px, repeat.dy_px) @ measured.T_a_b
 
 
 def _nothing(a: Spectrum, b: Spectrum, prior: Prior | None, method: str) -> Registration:
@@ -174,14 +125,6 @@ def _nothing(a: Spectrum, b: Spectrum, prior: Prior | None, method: str) -> Regi
             ]
         )
     return Registration(T, wide, 0.0, b.size_px, method=method, a=a.index, b=b.index)
-
-
-def _distance_px(T: Similarity2D, U: Similarity2D, b: Spectrum) -> float:
-    """Root mean square distance over b's corners between two motions."""
-    w, h = b.size_px
-    corners: FloatArray = np.array([[0.0, 0.0], [w - 1.0, 0.0], [0.0, h - 1.0], [w - 1.0, h - 1.0]])
-    d = T.apply(corners) - U.apply(corners)
-    return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
 
 
 def _spectrum_of(image: ImageArray, mask: npt.NDArray[np.bool_] | None) -> tuple[Spectrum, Similarity2D]:

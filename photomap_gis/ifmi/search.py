@@ -10,27 +10,32 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from photomap_gis.core.similarity import Similarity2D, wrap_angle
+from photomap_gis.core.similarity import FloatArray, Similarity2D, wrap_angle
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, warp_similarity
 from photomap_gis.ifmi.logpolar import ANGLE_STEP_RAD, ANGLES, LOG_RADIUS_STEP, RADII
-from photomap_gis.ifmi.overlap import agreement, full_mask, on_floor
+from photomap_gis.ifmi.overlap import agreement, on_floor
 from photomap_gis.ifmi.pomf import gaussian_low_pass, pulse_of, whiten
 from photomap_gis.ifmi.prior import GATE_SIGMAS, Prior
 from photomap_gis.ifmi.pulse import find_peaks
-from photomap_gis.ifmi.spectrum import SHIFT_TAPER, Floor, Spectrum, windowed
+from photomap_gis.ifmi.spectrum import SHIFT_TAPER, Floor, Spectrum, on_canvas, windowed
 
 ROTATION_LOW_PASS = 0.08
-SHIFT_LOW_PASS = 0.12
+SHIFT_LOW_PASS = 0.24
 LARGEST_LOG_SCALE = math.log(2.2)
 SMALLEST_OVERLAP = 0.08
 BATCHES = (2, 4, 6)
 """How many log-polar peaks are tried at a time, before the best of them are handed out."""
 HANDED_OUT = 2
 PEAKS = 2
+SURE_ANGLE_RAD = math.radians(0.7)
+SURE_LOG_SCALE = 0.01
+"""A prior that is surer than this of turn and scale is taken at its word by the matched filter of the shift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +98,7 @@ def _pulses(
     T0 = _centred(floor_a, floor_b, angle_rad, log_scale)
     (hb, wb), canvas = floor_b.shape, _canvas(a.phases)
     faded = windowed(floor_b.values, floor_b.mask, SHIFT_TAPER)[:hb, :wb]
-    P_B = whiten(forward_fft(_on_canvas(warp_similarity(faded, T0, floor_a.shape), canvas)))
+    P_B = whiten(forward_fft(on_canvas(warp_similarity(faded, T0, floor_a.shape), canvas)))
     low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
     found = [(p.snr, T0, p.column, p.row) for p in find_peaks(pulse_of(a.phases, P_B, low_pass), PEAKS)]
     # A picture turned by half a turn about pixel (0, 0) has the conjugate spectrum: the twin costs one transform.
@@ -122,44 +127,44 @@ def _unwrapped(a: Spectrum, b: Spectrum, T0: Similarity2D, column: float, row: f
 
 
 def _near(a: Spectrum, b: Spectrum, prior: Prior) -> Iterator[Candidate]:
-    """Yield what the prior admits."""
+    """Yield what the prior admits, the likeliest turn first."""
     floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
     f = floor_a.factor
     T_prior = on_floor(prior.T_a_b, f)
-    turns = [(prior.T_a_b.angle_rad, prior.T_a_b.log_scale)]
-    if prior.sigma_angle_rad > math.radians(1.0) or prior.sigma_log_scale > 0.02:
+    turns = []
+    if prior.sigma_angle_rad > SURE_ANGLE_RAD or prior.sigma_log_scale > SURE_LOG_SCALE:
         delta = pulse_of(a.log_polar_phases, b.log_polar_phases, gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS))
-        turns += turns_and_scales(delta, 3, prior)
-    window, middle_a = _overlap_window(floor_a, floor_b, T_prior, GATE_SIGMAS * prior.sigma_xy_px / f)
+        turns = turns_and_scales(delta, 2, prior)
+    turns.append((prior.T_a_b.angle_rad, prior.T_a_b.log_scale))
+    slack_px = GATE_SIGMAS * prior.sigma_xy_px / f
+    window, middle_a = _overlap_window(floor_a, floor_b, T_prior, slack_px)
     middle_b = T_prior.inverse().apply(middle_a)
     canvas = _canvas(a.phases)
     low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
-    P_A = whiten(forward_fft(_on_canvas(floor_a.values * window, canvas)))
-    admitted = _around_zero(canvas, GATE_SIGMAS * prior.sigma_xy_px / f + 2.0)
-    found: list[Candidate] = []
+    P_A = whiten(forward_fft(on_canvas(floor_a.values * window, canvas)))
+    admitted = _around_zero(canvas, round(slack_px + 2.0))
     for angle_rad, log_scale in turns:
         if math.cos(angle_rad - prior.T_a_b.angle_rad) < 0.0:
             angle_rad += math.pi
         turn = Similarity2D(0.0, 0.0, wrap_angle(angle_rad), log_scale)
         t = middle_a - turn.apply(middle_b)
         T0 = Similarity2D(float(t[0]), float(t[1]), turn.angle_rad, log_scale)
-        B = warp_similarity(floor_b.values, T0, floor_a.shape) * window
-        delta = pulse_of(P_A, whiten(forward_fft(_on_canvas(B, canvas))), low_pass)
+        B = warp_similarity(floor_b.values, T0, floor_a.shape)
+        B *= window
+        delta = pulse_of(P_A, whiten(forward_fft(on_canvas(B, canvas))), low_pass)
         for p in find_peaks(delta, PEAKS, allowed=admitted):
             dx = p.column if p.column <= canvas[1] / 2 else p.column - canvas[1]
             dy = p.row if p.row <= canvas[0] / 2 else p.row - canvas[0]
-            found.append(Candidate(Similarity2D((T0.tx + dx) * f, (T0.ty + dy) * f, T0.angle_rad, log_scale), p.snr))
-    found.sort(key=lambda c: -c.snr)
-    yield from found[:4]
+            yield Candidate(Similarity2D((T0.tx + dx) * f, (T0.ty + dy) * f, T0.angle_rad, log_scale), p.snr)
 
 
-def _overlap_window(a: Floor, b: Floor, T: Similarity2D, slack_px: float) -> tuple[Image32, np.ndarray]:
+def _overlap_window(a: Floor, b: Floor, T: Similarity2D, slack_px: float) -> tuple[Image32, FloatArray]:
     """``(h, w)`` window over a that fades out at the border of the predicted overlap, and the overlap's middle.
 
     ``slack_px`` is how far the prediction may be off: the overlap of frames that move is never larger than they.
     """
-    inside = warp_similarity(full_mask(b), T, a.shape)
-    inside = np.where(inside > 127, full_mask(a), np.uint8(0))
+    inside = warp_similarity(_usable(b), T, a.shape)
+    inside = np.where(inside > 127, _usable(a), np.uint8(0))
     x0, y0, w, h = cv2.boundingRect(inside)
     if min(w, h) < 8:
         return np.ones(a.shape, np.float32), np.array([(a.shape[1] - 1) / 2.0, (a.shape[0] - 1) / 2.0])
@@ -171,14 +176,29 @@ def _overlap_window(a: Floor, b: Floor, T: Similarity2D, slack_px: float) -> tup
             inside = cv2.bitwise_and(inside, a.mask)
     bordered = cv2.copyMakeBorder(inside, fade, fade, fade, fade, cv2.BORDER_CONSTANT, value=0)
     soft = cv2.blur(cv2.erode(bordered, np.ones((fade, fade), np.uint8)), (fade, fade))
-    window = soft[fade:-fade, fade:-fade].astype(np.float32) / np.float32(255.0)
+    window = soft[fade:-fade, fade:-fade].astype(np.float32)
+    window *= np.float32(1.0 / 255.0)
     return window, np.array([x0 + (w - 1) / 2.0, y0 + (h - 1) / 2.0])
 
 
-def _around_zero(canvas: tuple[int, int], radius_px: float) -> np.ndarray:
+def _usable(floor: Floor) -> npt.NDArray[np.uint8]:
+    return _everywhere(floor.shape) if floor.mask is None else floor.mask
+
+
+@lru_cache(maxsize=8)
+def _everywhere(shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    full = np.full(shape, 255, np.uint8)
+    full.setflags(write=False)
+    return full
+
+
+@lru_cache(maxsize=64)
+def _around_zero(canvas: tuple[int, int], radius_px: int) -> npt.NDArray[np.bool_]:
     y = np.fft.fftfreq(canvas[0], 1.0 / canvas[0])[:, None]
     x = np.fft.fftfreq(canvas[1], 1.0 / canvas[1])[None, :]
-    return x * x + y * y <= radius_px**2
+    near = x * x + y * y <= radius_px**2
+    near.setflags(write=False)
+    return near
 
 
 def _centred(a: Floor, b: Floor, angle_rad: float, log_scale: float) -> Similarity2D:
@@ -190,11 +210,3 @@ def _centred(a: Floor, b: Floor, angle_rad: float, log_scale: float) -> Similari
 
 def _canvas(half: Spectrum64) -> tuple[int, int]:
     return half.shape[0], 2 * (half.shape[1] - 1)
-
-
-def _on_canvas(image: Image32, canvas: tuple[int, int]) -> Image32:
-    h, w = image.shape
-    if (h, w) == canvas:
-        return image
-    padded: Image32 = cv2.copyMakeBorder(image, 0, canvas[0] - h, 0, canvas[1] - w, cv2.BORDER_CONSTANT, value=0)
-    return padded

@@ -7,7 +7,6 @@ upwards feed the refinement, one below it the test of overlaps.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -17,17 +16,24 @@ from photomap_gis.core.frame import ImageArray
 from photomap_gis.ifmi.kernels import Image32, Mask8, Spectrum64, fft_size, forward_fft, halve
 from photomap_gis.ifmi.logpolar import PADDING as ROTATION_PADDING
 from photomap_gis.ifmi.logpolar import TAPER as ROTATION_TAPER
-from photomap_gis.ifmi.logpolar import log_polar_spectrum, tukey
+from photomap_gis.ifmi.logpolar import log_polar_spectrum
+from photomap_gis.ifmi.periods import Period, find_periods
 from photomap_gis.ifmi.pomf import whiten
-from photomap_gis.ifmi.template import Template, make_template
+from photomap_gis.ifmi.template import Template, make_template, slopes
+from photomap_gis.ifmi.window import apodisation, soft_mask
 
-SPECTRAL_SIDE_PX = 320
+SPECTRAL_SIDE_PX = 160
 FINEST_SIDE_PX = 720
+COARSEST_SIDE_PX = 40
 SHIFT_TAPER = 0.2
 MEAN_RADIUS = 0.04
 """Half side of the neighbourhood of the local mean, as a share of a floor's longer side."""
 GREY_FLOOR = 2.0
 """Local contrast below this many grey levels is not amplified: it is noise."""
+POINTS = 4200
+"""Points of a template; floors below the spectral one have fewer pixels than that to choose from."""
+FAR = 1e4
+"""What a floor's ``seen`` holds where nothing can be seen: no picture comes near it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,12 +41,14 @@ class Floor:
     """One floor of a frame's pyramid: ``factor`` frame pixels to a pixel, pixel (x, y) at (factor x, factor y).
 
     ``values`` is the grey picture freed of its local mean and divided by its local contrast: what light and lens did
-    is gone, about one unit of scatter is left. ``mask`` is 255 where the picture is to be used, ``None`` everywhere.
+    is gone, about one unit of scatter is left. ``mask`` is 255 where the picture is to be used, ``None`` everywhere;
+    ``seen`` is ``values`` with ``FAR`` where the mask is 0.
     """
 
     factor: int
     values: Image32
     mask: Mask8 | None
+    seen: Image32
     template: Template
 
     @property
@@ -54,7 +62,8 @@ class Spectrum:
     """A frame, ready to be registered to any other.
 
     ``floors`` lie finest first. ``spectral`` indexes the floor of the whitened half spectrum ``phases``;
-    ``log_polar_phases`` is the whitened spectrum of its log-polar picture.
+    ``log_polar_phases`` is the whitened spectrum of its log-polar picture; ``periods`` are the shifts by which the
+    frame looks like itself.
     """
 
     index: int
@@ -65,6 +74,7 @@ class Spectrum:
     spectral: int
     phases: Spectrum64
     log_polar_phases: Spectrum64
+    periods: tuple[Period, ...]
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -80,12 +90,21 @@ def make_spectrum(grey_u8: ImageArray, *, mask: npt.NDArray[np.bool_] | None = N
         raise ValueError(f"grey_u8 must be at least 16 pixels high and wide, got {grey_u8.shape}")
     if mask is not None and mask.shape != grey_u8.shape:
         raise ValueError(f"mask must have the frame's shape {grey_u8.shape}, got {mask.shape}")
-    floors = _pyramid(grey_u8, mask)
-    spectral = next(k for k, f in enumerate(floors) if max(f.shape) <= SPECTRAL_SIDE_PX)
+    floors, spectral = _pyramid(grey_u8, mask)
     floor = floors[spectral]
     F = forward_fft(windowed(floor.values, floor.mask, SHIFT_TAPER))
     S = forward_fft(windowed(floor.values, floor.mask, ROTATION_TAPER, padding=ROTATION_PADDING))
-    return Spectrum(index, grey_u8.shape, grey_u8, mask, floors, spectral, whiten(F), log_polar_spectrum(S))
+    return Spectrum(
+        index,
+        grey_u8.shape,
+        grey_u8,
+        mask,
+        floors,
+        spectral,
+        whiten(F),
+        log_polar_spectrum(S),
+        find_periods(F, floor.shape),
+    )
 
 
 def windowed(values: Image32, mask: Mask8 | None, taper: float, *, padding: int = 1) -> Image32:
@@ -94,44 +113,46 @@ def windowed(values: Image32, mask: Mask8 | None, taper: float, *, padding: int 
     faded = values * apodisation((h, w), taper)
     if mask is not None:
         faded *= soft_mask(mask)
-    canvas = fft_size(h * padding), fft_size(w * padding)
-    if canvas == (h, w):
-        return faded
-    padded: Image32 = cv2.copyMakeBorder(faded, 0, canvas[0] - h, 0, canvas[1] - w, cv2.BORDER_CONSTANT, value=0)
+    return on_canvas(faded, (fft_size(h * padding), fft_size(w * padding)))
+
+
+def on_canvas(image: Image32, canvas: tuple[int, int]) -> Image32:
+    """Return the picture in the upper left corner of a canvas of zeros."""
+    h, w = image.shape
+    if (h, w) == canvas:
+        return image
+    padded = np.zeros(canvas, np.float32)
+    padded[:h, :w] = image
     return padded
 
 
-@lru_cache(maxsize=16)
-def apodisation(shape: tuple[int, int], taper: float) -> Image32:
-    """``(h, w)`` separable Tukey window."""
-    window: Image32 = np.outer(tukey(shape[0], taper), tukey(shape[1], taper)).astype(np.float32)
-    window.setflags(write=False)
-    return window
-
-
-def soft_mask(mask: Mask8) -> Image32:
-    """Return a mask as weights 0..1 that fade inwards, so that its outline writes nothing into the spectrum."""
-    k = max(3, round(0.03 * max(mask.shape)) | 1)
-    eroded = cv2.erode(mask, np.ones((k, k), np.uint8), borderValue=255)
-    soft: Image32 = cv2.blur(eroded, (k, k)).astype(np.float32) / np.float32(255.0)
-    return soft
-
-
-def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None) -> tuple[Floor, ...]:
+def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None) -> tuple[tuple[Floor, ...], int]:
+    """Return the floors, finest first, and which of them is the spectral one."""
     picture = grey.astype(np.float32)
     weights = None if mask is None else mask.astype(np.float32)
     if weights is not None:
         picture = _filled(picture, weights)
-    floors, factor = [], 1
-    while True:
-        if max(picture.shape) <= FINEST_SIDE_PX:
-            m = None if weights is None else np.where(weights > 0.99, 255, 0).astype(np.uint8)
-            values = _normalised(picture, m)
-            floors.append(Floor(factor, values, m, make_template(values, m)))
-        if max(picture.shape) <= SPECTRAL_SIDE_PX / 2 or min(picture.shape) < 24:
-            return tuple(floors)
+    pictures, factor = [(1, picture, weights)], 1
+    while max(picture.shape) > COARSEST_SIDE_PX * 2 and min(picture.shape) >= 48:
         picture, factor = halve(picture), factor * 2
         weights = None if weights is None else halve(weights)
+        pictures.append((factor, picture, weights))
+    kept = [p for p in pictures if max(p[1].shape) <= FINEST_SIDE_PX] or pictures[-1:]
+    spectral = next((k for k, p in enumerate(kept) if max(p[1].shape) <= SPECTRAL_SIDE_PX), len(kept) - 1)
+    light = _light(kept[spectral][1])
+    floors = []
+    for factor, picture, weights in kept:
+        m = None if weights is None else np.where(weights > 0.99, 255, 0).astype(np.uint8)
+        values = _normalised(picture, light)
+        seen = values
+        if m is not None:
+            values[m == 0] = 0.0
+            seen = np.where(m == 0, np.float32(FAR), values)
+        size_px = grey.shape[1], grey.shape[0]
+        sx, sy = slopes(values, m)
+        template = make_template(values, sx, sy, factor=factor, size_px=size_px, points=POINTS)
+        floors.append(Floor(factor, values, m, seen, template))
+    return tuple(floors), spectral
 
 
 def _filled(picture: Image32, weights: Image32) -> Image32:
@@ -145,12 +166,20 @@ def _filled(picture: Image32, weights: Image32) -> Image32:
     return filled
 
 
-def _normalised(picture: Image32, mask: Mask8 | None) -> Image32:
+def _light(picture: Image32) -> tuple[Image32, Image32]:
+    """Return the local mean and one over the local contrast of a picture: what light and lens did to it."""
     side = max(3, round(2 * MEAN_RADIUS * max(picture.shape)) | 1)
-    smooth = cv2.GaussianBlur(picture, (0, 0), 0.8)
-    detail = smooth - cv2.blur(picture, (side, side), borderType=cv2.BORDER_REFLECT)
+    mean = cv2.blur(picture, (side, side), borderType=cv2.BORDER_REFLECT)
+    detail = picture - mean
     power = cv2.blur(detail * detail, (2 * side + 1, 2 * side + 1), borderType=cv2.BORDER_REFLECT)
-    values: Image32 = detail / cv2.sqrt(power + np.float32(GREY_FLOOR**2))
-    if mask is not None:
-        values[mask == 0] = 0.0
+    return mean, np.float32(1.0) / cv2.sqrt(power + np.float32(GREY_FLOOR**2))
+
+
+def _normalised(picture: Image32, light: tuple[Image32, Image32]) -> Image32:
+    """Free a floor of its light, which is smooth enough to be taken from another floor."""
+    h, w = picture.shape
+    mean, gain = light if light[0].shape == (h, w) else (cv2.resize(v, (w, h)) for v in light)
+    values: Image32 = cv2.GaussianBlur(picture, (0, 0), 0.8)
+    values -= mean
+    values *= gain
     return values

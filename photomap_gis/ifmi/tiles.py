@@ -15,16 +15,16 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.ifmi.field import project
 from photomap_gis.ifmi.kernels import Image32, forward_fft_stack, inverse_fft_stack
-from photomap_gis.ifmi.overlap import full_mask
 from photomap_gis.ifmi.pomf import gaussian_low_pass, whiten
-from photomap_gis.ifmi.spectrum import Floor
+from photomap_gis.ifmi.spectrum import FAR, Floor
 
 LOW_PASS = 0.16
 STRIDE = 0.5
 COVERED = 0.85
 MOST_TILES = 16
-NEAR_PX = 3.0
+NEAR_PX = 2.0
 """A tile votes for the motion when its peak lies this near zero, in pixels of the floor."""
 
 
@@ -51,50 +51,53 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
     scale = np.diag([1.0 / f, 1.0 / f, 1.0])
     H = scale @ H_a_b @ np.linalg.inv(scale)
     h, w = a.shape
-    flags = cv2.INTER_LINEAR
-    warped = cv2.warpPerspective(b.values, H, (w, h), flags=flags)
-    inside = cv2.warpPerspective(full_mask(b), H, (w, h), flags=cv2.INTER_NEAREST)
+    warped = cv2.warpPerspective(
+        b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
+    )
+    inside = warped < np.float32(30.0)
     if a.mask is not None:
-        inside = cv2.bitwise_and(inside, a.mask)
+        inside &= a.mask > 0
+    warped *= inside
     side = tile_side(a.shape)
     # The share of each possible tile that lies in the overlap, from one integral image.
-    total = cv2.integral(inside)
-    rows = _starts(h, side)
-    columns = _starts(w, side)
-    y, x = (v.ravel() for v in np.meshgrid(rows, columns, indexing="ij"))
-    covered = (total[y + side, x + side] - total[y, x + side] - total[y + side, x] + total[y, x]) / (255.0 * side**2)
-    keep = covered >= COVERED
-    x, y = x[keep], y[keep]
-    if len(x) == 0:
+    total = cv2.integral(inside.view(np.uint8))
+    y, x = _starts_in(a.shape, side)
+    covered = total[y + side, x + side] - total[y, x + side] - total[y + side, x] + total[y, x]
+    keep = np.flatnonzero(covered >= COVERED * side**2)
+    if len(keep) == 0:
         return None
-    if len(x) > MOST_TILES:
-        some = np.linspace(0, len(x) - 1, MOST_TILES).round().astype(np.intp)
-        x, y = x[some], y[some]
+    if len(keep) > MOST_TILES:
+        keep = keep[np.linspace(0, len(keep) - 1, MOST_TILES).round().astype(np.intp)]
+    x, y = x[keep], y[keep]
     window = _tile_window(side)
-    A = np.stack([a.values[r : r + side, c : c + side] for r, c in zip(y, x, strict=True)])
-    B = np.stack([warped[r : r + side, c : c + side] for r, c in zip(y, x, strict=True)])
-    A = (A - A.mean(axis=(1, 2), keepdims=True)) * window
-    B = (B - B.mean(axis=(1, 2), keepdims=True)) * window
-    D = whiten(forward_fft_stack(A)) * whiten(forward_fft_stack(B)).conj()
-    pulses = inverse_fft_stack(D * gaussian_low_pass((side, side), LOW_PASS))
+    both = np.empty((2, len(x), side, side), np.float32)
+    for k, (r, c) in enumerate(zip(y.tolist(), x.tolist(), strict=True)):
+        both[0, k] = a.values[r : r + side, c : c + side]
+        both[1, k] = warped[r : r + side, c : c + side]
+    both -= both.mean(axis=(2, 3), keepdims=True)
+    both *= window
+    F = whiten(forward_fft_stack(both.reshape(-1, side, side)))
+    D = F[: len(x)] * F[len(x) :].conj()
+    D *= gaussian_low_pass((side, side), LOW_PASS)
+    pulses = inverse_fft_stack(D)
     flat = pulses.reshape(len(x), -1)
     best = flat.argmax(axis=1)
     shift = _signed(np.stack([best % side, best // side], axis=1), side)
     snr = flat[np.arange(len(x)), best] / np.maximum(flat.std(axis=1), 1e-9)
     near = np.hypot(shift[:, 0], shift[:, 1]) <= NEAR_PX
     summed = pulses.sum(axis=0)
-    distance = _distance_from_zero(side)
-    at_zero = float(summed[distance <= NEAR_PX].max())
-    elsewhere = summed[distance > 2.5 * NEAR_PX]
+    at_zero, elsewhere = _around_zero(side)
+    height = float(summed[at_zero].max())
+    rest = summed[elsewhere]
     centre_a = np.stack([x, y], axis=1) + (side - 1) / 2.0
-    centre_b = cv2.perspectiveTransform(centre_a[None].astype(np.float64), np.linalg.inv(H))[0]
+    centre_b = project(np.asarray(np.linalg.inv(H), np.float64), np.asarray(centre_a, np.float64))
     return TilePulses(
         centre=centre_b * f,
         shift=shift * f,
         snr=snr.astype(np.float64),
         near=near,
-        summed_snr=at_zero / max(float(elsewhere.std()), 1e-9),
-        rival=max(float(elsewhere.max()), 0.0) / max(at_zero, 1e-9),
+        summed_snr=height / max(float(rest.std()), 1e-9),
+        rival=max(float(rest.max()), 0.0) / max(height, 1e-9),
     )
 
 
@@ -103,9 +106,15 @@ def tile_side(shape: tuple[int, int]) -> int:
     return next((s for s in (64, 32) if min(shape) >= 2.5 * s), 16)
 
 
-def _starts(length: int, side: int) -> npt.NDArray[np.intp]:
-    count = max(1, round((length - side) / (STRIDE * side)) + 1)
-    return np.linspace(0, length - side, count).round().astype(np.intp)
+@lru_cache(maxsize=16)
+def _starts_in(shape: tuple[int, int], side: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the row and the column of the first pixel of every possible tile."""
+    starts = []
+    for length in shape:
+        count = max(1, round((length - side) / (STRIDE * side)) + 1)
+        starts.append(np.linspace(0, length - side, count).round().astype(np.intp))
+    y, x = np.meshgrid(*starts, indexing="ij")
+    return y.ravel(), x.ravel()
 
 
 def _signed(cells: npt.NDArray[np.intp], side: int) -> FloatArray:
@@ -121,8 +130,8 @@ def _tile_window(side: int) -> Image32:
 
 
 @lru_cache(maxsize=4)
-def _distance_from_zero(side: int) -> Image32:
+def _around_zero(side: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """``(side, side)`` masks of the cells near zero shift and of those well away from it."""
     one = np.fft.fftfreq(side, 1.0 / side)
-    distance: Image32 = np.hypot(one[:, None], one[None, :]).astype(np.float32)
-    distance.setflags(write=False)
-    return distance
+    distance = np.hypot(one[:, None], one[None, :])
+    return distance <= NEAR_PX, distance > 2.5 * NEAR_PX

@@ -9,14 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ifmi_ground import ground, pose, view
 
-from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.core.similarity import Similarity2D, fit_similarity
 from photomap_gis.ifmi import Prior, make_spectrum
-from photomap_gis.ifmi.field import Frame, displacement, fit_field
+from photomap_gis.ifmi.field import Frame, closest_similarity, field_matrix, fit_field, project, visible
 from photomap_gis.ifmi.kernels import fft_size, forward_fft, forward_fft_stack, inverse_fft, inverse_fft_stack
 from photomap_gis.ifmi.logpolar import ANGLES, RADII
 from photomap_gis.ifmi.pomf import gaussian_low_pass, pomf, pulse_of, whiten
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.search import turns_and_scales
+from photomap_gis.ifmi.template import GRID, make_template, slopes
 from photomap_gis.ifmi.tiles import tile_pulses
 
 
@@ -78,20 +79,73 @@ def test_turn_and_scale_are_read_from_the_log_polar_pulse(rng, angle_deg, scale)
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.lists(st.floats(-3, 3), min_size=8, max_size=8))
-def test_a_field_is_found_again_and_is_its_matrix(theta):
-    frame = Frame(320, 240)
-    theta = np.array(theta)
-    p = frame.grid()
-    d = displacement(frame, p, theta)
+@given(st.lists(st.floats(-0.03, 0.03), min_size=8, max_size=8))
+def test_a_field_is_found_again(theta):
+    q = Frame(320, 240).grid()[::3]
+    d = project(field_matrix(np.array(theta)), q) - q
     d_noisy = d.copy()
-    d_noisy[::11] += 25.0  # some have lost their way
-    field = fit_field(frame, p, d_noisy, np.full(len(p), 0.01), scatter_share=0.5)
-    np.testing.assert_allclose(field.displacement(p), d, atol=0.05)
-    H = field.matrix(Similarity2D(5.0, -3.0, 0.2, 0.1))
-    via_matrix = cv2.perspectiveTransform(p[None], H)[0]
-    via_field = Similarity2D(5.0, -3.0, 0.2, 0.1).apply(p + field.displacement(p))
-    np.testing.assert_allclose(via_matrix, via_field, atol=1e-6)
+    d_noisy[::11] += 0.2  # some have lost their way
+    field = fit_field(q, d_noisy, np.full(len(q), 1e-6), start=0.05)
+    np.testing.assert_allclose(project(field_matrix(field.theta), q) - q, d, atol=4e-3)
+
+
+def test_scatter_is_told_from_noise(rng):
+    q = rng.uniform(-1, 1, (140, 2))
+    noise2 = np.full(140, 1e-6)
+    quiet = fit_field(q, 1e-3 * rng.standard_normal((140, 2)), noise2)
+    loud = fit_field(q, 5e-3 * rng.standard_normal((140, 2)), noise2)
+    assert quiet.scatter2 < 2e-7
+    assert loud.scatter2 == pytest.approx(24e-6, rel=0.25)
+
+
+def test_the_field_s_covariance_is_its_scatter(rng):
+    """Monte Carlo: normalised squared errors of many fits average to one a degree of freedom."""
+    q = rng.uniform(-1, 1, (100, 2))
+    noise2 = rng.uniform(1e-6, 4e-6, 100)
+    errors = []
+    for _ in range(60):
+        field = fit_field(q, rng.standard_normal((100, 2)) * np.sqrt(noise2)[:, None], noise2)
+        errors.append(field.theta @ np.linalg.solve(field.covariance, field.theta) / 8.0)
+    assert 0.75 < np.mean(errors) < 1.35
+
+
+@settings(max_examples=25, deadline=None)
+@given(*[st.floats(-1, 1)] * 6)
+def test_the_closest_similarity_is_that_of_all_pixels_that_a_shows(x, y, turn, growth, stretch, lean):
+    """A twin: least squares over every pixel of b that lies in a."""
+    frame = Frame(120, 90)
+    about = Similarity2D(60.0 + 60.0 * x, 45.0 + 60.0 * y, 3.0 * turn, 0.3 * growth) @ Similarity2D.translation_of(
+        -59.5, -44.5
+    )
+    G = (about @ frame.T_b_q).matrix @ field_matrix(np.array([0, 0, 0, 0, 0.05 * stretch, 0, 0.05 * lean, 0]))
+    weight = visible(frame, G, (120, 90))
+    p = np.stack([v.ravel() for v in np.meshgrid(np.arange(120.0), np.arange(90.0))], axis=1)
+    q = cv2.perspectiveTransform(frame.T_q_b.apply(p)[None], G)[0]
+    inside = ((q >= -0.5) & (q <= [119.5, 89.5])).all(axis=1)
+    if inside.sum() < 2000:
+        return
+    twin = fit_similarity(q[inside], p[inside])
+    closest = closest_similarity(frame, G, np.zeros((8, 8)), weight)
+    assert weight.mean() == pytest.approx(inside.mean(), abs=0.01)
+    assert np.abs(closest.T_a_b.apply(p[inside]) - twin.apply(p[inside])).max() < 0.1
+    left = np.sqrt(np.mean(np.sum((twin.apply(p[inside]) - q[inside]) ** 2, axis=1)) / 2) / twin.scale
+    assert math.sqrt(closest.bend2_px2) == pytest.approx(left, rel=0.05, abs=0.02)
+
+
+@pytest.mark.parametrize("points", [300, 1200, 40_000])
+def test_a_template_takes_the_steepest_pixel_of_every_cell(rng, points):
+    values = rng.random((75, 101), dtype=np.float32)
+    sx, sy = slopes(values, None)
+    t = make_template(values, sx, sy, factor=1, size_px=(101, 75), points=points)
+    x, y = (np.rint(q * 50.5 + c).astype(int) for q, c in ((t.qx, 50.0), (t.qy, 37.0)))
+    np.testing.assert_array_equal(t.value, values[y, x])
+    steepness = sx**2 + sy**2
+    cell = max(1, math.ceil(math.sqrt(75 * 101 / points)))
+    top, left = ((n - max(1, (n - 4) // cell // GRID) * GRID * cell) // 2 for n in (75, 101))
+    for px, py in zip(x.ravel()[::7], y.ravel()[::7], strict=True):
+        r, c = top + (py - top) // cell * cell, left + (px - left) // cell * cell
+        assert steepness[py, px] >= steepness[r : r + cell, c : c + cell].max() * (1 - 1e-5)
+    assert len({*zip(x.ravel(), y.ravel(), strict=True)}) == t.qx.size
 
 
 def test_tiles_speak_for_the_right_motion_only(rng):
@@ -111,7 +165,8 @@ def test_a_spectrum_is_modest_and_complains_of_nonsense(rng):
     s = make_spectrum(ground(rng)[:384, :512])
     arrays = [s.grey, s.phases, s.log_polar_phases]
     for f in s.floors:
-        arrays += [f.values, f.template.x, f.template.y, f.template.value, f.template.gx, f.template.gy]
+        t = f.template
+        arrays += [f.values, t.qx, t.qy, t.value, t.gx, t.gy, t.J]
     assert sum(a.nbytes for a in arrays) < 3.2e6
     with pytest.raises(ValueError, match="uint8"):
         make_spectrum(np.zeros((64, 64), np.float32))

@@ -146,11 +146,11 @@ def test_the_covariance_holds_the_truth_and_tilt_is_told_apart(rng, tilt):
         W[2, :2] = tilt * np.cos(turn), tilt * np.sin(turn)
         W = centre.matrix @ W @ centre.inverse().matrix
         b = cv2.warpPerspective(g, T_g_b.matrix @ W, shape[::-1], flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-        x, y = np.meshgrid(np.arange(4, 252, 8.0), np.arange(4, 188, 8.0))
+        x, y = np.meshgrid(np.arange(1.5, 255, 4.0), np.arange(1.5, 191, 4.0))
         p = np.stack([x.ravel(), y.ravel()], axis=1)
         seen = cv2.perspectiveTransform(p[None], W)[0]
         q = truth.apply(seen)
-        inside = (q >= 0).all(axis=1) & (q <= [255, 191]).all(axis=1)
+        inside = (q >= -0.5).all(axis=1) & (q <= [255.5, 191.5]).all(axis=1)
         closest = fit_similarity(q[inside], p[inside])
         trues.append(np.sqrt(np.mean(np.sum((closest.apply(p[inside]) - q[inside]) ** 2, axis=1)) / 2))
         r = register_images(noisy(rng, a, 3.0), noisy(rng, b, 3.0), fallback=False)
