@@ -1,0 +1,89 @@
+"""Frames judged again once they are registered: what fits nowhere, although the rest of the frame fits.
+
+A decoder that lost data shows clean pictures, only of another moment: rows of the frame before, blocks that were not
+renewed. They are told by laying the predecessor under the frame where the registration says.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.frame import ImageArray
+from photomap_gis.core.measurement import Registration
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.ifmi.frames.fit import Fit, Mask8, fit
+from photomap_gis.ifmi.frames.look import FrameLook, look_at
+from photomap_gis.ifmi.frames.misfit import understand
+from photomap_gis.ifmi.frames.verdict import GOOD, Fault, FrameVerdict, rejected
+
+LEAST_OVERLAP = 0.08
+LEAST_SURE = 0.7
+"""A torn frame that overlaps less may be registered by the band that moved."""
+MASKED_SHARE = 0.01
+"""From this share of the frame on, what does not fit is masked."""
+MOST_LOST = 0.33
+"""Share of what both frames saw above which it is not sure any more which part is right."""
+BELIEVED_DOUBT = 0.5
+WRAPPED_SHARE = 0.08
+WRAPPED_AGREEMENT = 0.57
+WRAPPED_COVER = 0.35
+
+
+def judge_registered(
+    frame: ImageArray | FrameLook,
+    predecessor: ImageArray | FrameLook,
+    registration: Registration,
+    *,
+    doubt: float = 0.0,
+) -> FrameVerdict:
+    """Return the verdict on a frame that passed ``judge_frame``, compared with its predecessor where it is registered.
+
+    ``registration`` carries the frame (b) into its predecessor (a), in pixels of the pictures given. ``doubt`` is that
+    of the first verdict: it is believed where nothing could be registered. What does not fit is masked, a fault or
+    not; a frame of which too much is lost is rejected.
+    """
+    look, before = look_at(frame), look_at(predecessor)
+    if look.shape != before.shape:
+        return GOOD
+    if not registration.accepted:
+        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+    H = registration.T_a_b.matrix if registration.H_a_b is None else registration.H_a_b
+    found = fit(look, before, np.asarray(H, np.float64))
+    if found.overlap < LEAST_OVERLAP:
+        return GOOD
+    if _is_wrapped(look, before, found, H):
+        return rejected(Fault.TORN, ": its parts have changed places")
+    misfit = understand(found, doubt)
+    if misfit.share < MASKED_SHARE:
+        return GOOD
+    if doubt >= 1.0:
+        return rejected(misfit.fault or Fault.BLOCKS)
+    words = None if misfit.fault is None else f"{misfit.fault.words}: {misfit.share:.0%} lost"
+    if misfit.share > MOST_LOST * found.overlap or (misfit.fault is Fault.TORN and found.overlap < LEAST_SURE):
+        fault = misfit.fault or Fault.BLOCKS
+        return FrameVerdict(False, f"{fault.words}: {misfit.share:.0%} lost", fault, None, misfit.share)
+    return FrameVerdict(True, words, misfit.fault, _usable(misfit.lost, look.shape), misfit.share)
+
+
+def _usable(lost: Mask8, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Return what is not lost as a mask of the whole frame."""
+    whole = cv2.resize(lost * np.uint8(255), (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(whole < 64)
+
+
+def _is_wrapped(look: FrameLook, before: FrameLook, found: Fit, H_a_b: FloatArray) -> bool:
+    """Tell whether the part that the predecessor seems not to show is its other end: a picture that rolled over."""
+    h, w = look.shape
+    unseen = found.seen == 0
+    for axis, dx, dy in ((0, 0.0, float(h)), (1, float(w), 0.0)):
+        lines = unseen.mean(axis=1 - axis) > 0.9
+        if lines.mean() < WRAPPED_SHARE or not (lines[0] or lines[-1]):
+            continue
+        sign = 1.0 if lines[0] else -1.0
+        shift = np.array([[1.0, 0.0, sign * dx], [0.0, 1.0, sign * dy], [0.0, 0.0, 1.0]])
+        other = fit(look, before, np.asarray(H_a_b @ shift, np.float64))
+        if other.agreement > WRAPPED_AGREEMENT and other.overlap > WRAPPED_COVER * float(unseen.mean()):
+            return True
+    return False
