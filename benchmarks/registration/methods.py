@@ -6,6 +6,7 @@ import importlib.util
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import cv2
@@ -51,15 +52,14 @@ class Method:
         return self.match(self.prepare(a), self.prepare(b), prior)
 
 
-def ours(*, fallback: bool, tracking: bool = False) -> Method:
-    """iFMI alone, with its fallback to features, or with the prior that a sequence gives."""
+def ours(name: str, *, fallback: bool, prior: bool = False) -> Method:
+    """iFMI alone or with its fallback to features, without or with a prior."""
 
-    def match(a: Any, b: Any, prior: Prior | None) -> Estimate:
-        r = register(a, b, prior=prior, fallback=fallback)
+    def match(a: Any, b: Any, known: Prior | None) -> Estimate:
+        r = register(a, b, prior=known, fallback=fallback)
         return Estimate(r.T_a_b, r.accepted, r.probability, r.covariance, r.model_sigma_px, r.method)
 
-    name = "ifmi-tracking" if tracking else "ifmi+features" if fallback else "ifmi"
-    return Method(name, make_spectrum, match, wants_prior=tracking)
+    return Method(name, make_spectrum, match, wants_prior=prior)
 
 
 def literal() -> Method:
@@ -230,3 +230,35 @@ def prior_of(pair: Pair, spread: PriorSpread, rng: np.random.Generator) -> Prior
     centre = Similarity2D.translation_of(*centre_of(pair))
     T = truth_of(pair) @ centre @ off @ centre.inverse()
     return Prior(T, sigma_xy, sigma_angle, spread.log_scale)
+
+
+ORB = FeatureSetting("orb", 1500, model="homography", within_px=6.0, threshold=3.0)
+SIFT = FeatureSetting("sift", 1200, model="homography", threshold=0.4)
+"""The settings of best success, chosen on the tuning pictures."""
+CURVE: tuple[FeatureSetting, ...] = (
+    *(FeatureSetting("orb", n, threshold=3.0) for n in (250, 500, 1000, 2000)),
+    *(FeatureSetting("orb", n, model="homography", within_px=6.0, threshold=3.0) for n in (500, 1000, 2500)),
+    FeatureSetting("orb", 1500, clahe=3.0),
+    *(FeatureSetting("sift", n, threshold=0.4) for n in (150, 300, 600)),
+    FeatureSetting("sift", 1200, threshold=0.4),
+    FeatureSetting("sift", 800, clahe=3.0, threshold=1.5),
+)
+_MAKERS: dict[str, Callable[[], Method]] = {
+    "ifmi": lambda: ours("ifmi", fallback=False),
+    "ifmi+features": lambda: ours("ifmi+features", fallback=True),
+    "ifmi-tracking": lambda: ours("ifmi-tracking", fallback=False, prior=True),
+    "ifmi-loop": lambda: ours("ifmi-loop", fallback=False, prior=True),
+    "paper": literal,
+    "imreg_dft": imreg_dft,
+    "orb": lambda: features(ORB, "orb"),
+    "sift": lambda: features(SIFT, "sift"),
+    **{s.name: (lambda s=s: features(s)) for s in CURVE},  # type: ignore[misc]
+}
+
+
+@lru_cache(maxsize=64)
+def method_named(name: str) -> Method:
+    """Return a method by its name, made once a process."""
+    if name not in _MAKERS:
+        raise ValueError(f"name must be one of {', '.join(_MAKERS)}, got {name!r}")
+    return _MAKERS[name]()
