@@ -142,7 +142,7 @@ class Relief:
         w, h = lens.width_px + 2 * margin_px, lens.height_px + 2 * margin_px
         u = (np.arange(w * n) + 0.5) / n - 0.5 - margin_px
         v = (np.arange(h * n) + 0.5) / n - 0.5 - margin_px
-        x, y, _ = self.meet(pose, _slopes(pose, lens, np.stack(np.meshgrid(u, v), axis=-1)))
+        x, y, _ = self.meet(pose, _slopes(pose, lens, u[None, :], v[:, None]))
         samples = cv2.remap(self._grey, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
         frame: Image32 = cv2.resize(samples.astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
         return frame
@@ -150,19 +150,20 @@ class Relief:
     def correspond(
         self, pose_a: Pose, pose_b: Pose, lens: Lens, pixels_b: FloatArray
     ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-        """``(N, 2)`` where a shows what b shows at ``(N, 2)`` pixels, and ``(N,)`` whether a sees it at all."""
-        x, y, z = (v[:, 0].astype(np.float64) for v in self.meet(pose_b, _slopes(pose_b, lens, pixels_b[:, None, :])))
+        """``(H, W, 2)`` where a shows what b shows at ``(H, W, 2)`` pixels; ``(H, W)`` whether a sees it at all."""
+        x, y, z = (
+            v.astype(np.float64) for v in self.meet(pose_b, _slopes(pose_b, lens, *np.moveaxis(pixels_b, -1, 0)))
+        )
         eye = np.array([pose_a.x - self.origin[0], pose_a.y - self.origin[1], -pose_a.height])
-        ray = (np.stack([x, y, -z], axis=1) - eye) @ pose_a.R  # in a's camera axes
-        pixels_a = ray[:, :2] / ray[:, 2:] * lens.focal_px + lens.centre
-        xa, ya, za = (v[:, 0] for v in self.meet(pose_a, _slopes(pose_a, lens, pixels_a[:, None, :])))
+        ray = (np.stack([x, y, -z], axis=-1) - eye) @ pose_a.R  # in a's camera axes
+        pixels_a = ray[..., :2] / ray[..., 2:] * lens.focal_px + lens.centre
+        xa, ya, za = self.meet(pose_a, _slopes(pose_a, lens, *np.moveaxis(pixels_a, -1, 0)))
         off = np.sqrt((xa - x) ** 2 + (ya - y) ** 2 + (za - z) ** 2)
         return pixels_a, off < VISIBLE_PX
 
 
-def _slopes(pose: Pose, lens: Lens, pixels: FloatArray) -> tuple[Image32, Image32]:
-    """``(H, W)`` sideways travel a unit of depth, x and y, of the rays of ``(H, W, 2)`` pixels."""
-    ray = np.c_[pixels.reshape(-1, 2), np.ones(pixels[..., 0].size)] @ (pose.R @ lens.K_inverse).T
-    shape = pixels.shape[:2]
-    x, y = (np.ascontiguousarray((ray[:, i] / ray[:, 2]).reshape(shape), np.float32) for i in (0, 1))
-    return x, y
+def _slopes(pose: Pose, lens: Lens, x: FloatArray, y: FloatArray) -> tuple[Image32, Image32]:
+    """``(H, W)`` sideways travel a unit of depth, x and y, of the rays of pixels (x and y broadcast to ``(H, W)``)."""
+    m = pose.R @ lens.K_inverse
+    across, down, depth = (m[i, 0] * x + m[i, 1] * y + m[i, 2] for i in range(3))
+    return np.asarray(across / depth, np.float32), np.asarray(down / depth, np.float32)

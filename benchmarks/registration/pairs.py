@@ -33,7 +33,8 @@ from .pictures import (
 from .textures import repetitive_ground
 
 GRID = 32
-"""The true mapping is told at GRID x GRID pixels of b."""
+RELIEF_GRID = 96
+"""The true mapping is told at GRID x GRID pixels of b; at more where it is rugged, or they would sway the truth."""
 LARGEST_PX_PER_PX = 2.2
 LEAST_CONTRAST = 4.0
 """Scatter in grey levels of what is finer than some 10 pixels: grounds with less are for the class ``low-texture``."""
@@ -196,9 +197,10 @@ def _relief_pair(cls: str, spec: PairClass, rng: np.random.Generator, sources: S
         if growth > 2.5:
             continue  # hardly anything stands here
         relief = Relief(scene, (x0, y0, x1, y1), growth)
-        grid = grid_of(lens)
-        there, visible = relief.correspond(shot.a, shot.b, lens, grid)
-        T, pair = _judged(cls, picture.name, grid, there, visible, lens, shot)
+        grid = grid_of(lens, RELIEF_GRID)
+        square = grid.reshape(RELIEF_GRID, RELIEF_GRID, 2)
+        there, visible = relief.correspond(shot.a, shot.b, lens, square)
+        T, pair = _judged(cls, picture.name, grid, there.reshape(-1, 2), visible.ravel(), lens, shot)
         a, b = spoil(spec.nuisance, rng, relief.render(shot.a, lens, m), relief.render(shot.b, lens, m), T)
         return replace(pair, a=a, b=b)
     raise RuntimeError(f"no scene has room for a pair of class {cls}")
@@ -323,9 +325,9 @@ def _aim(
     return _Shot(poses[0], poses[1], box, (float(tilts[0]), float(tilts[1])))
 
 
-def grid_of(lens: Lens) -> FloatArray:
-    """``(GRID * GRID, 2)`` pixels evenly over a frame."""
-    x, y = ((np.arange(GRID) + 0.5) * n / GRID - 0.5 for n in (lens.width_px, lens.height_px))
+def grid_of(lens: Lens, count: int = GRID) -> FloatArray:
+    """``(count * count, 2)`` pixels evenly over a frame."""
+    x, y = ((np.arange(count) + 0.5) * n / count - 0.5 for n in (lens.width_px, lens.height_px))
     return np.stack([v.ravel() for v in np.meshgrid(x, y)], axis=1)
 
 
