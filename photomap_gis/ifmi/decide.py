@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.examine import Lead, Measured, follow, measure, similarity_of
+from photomap_gis.ifmi.examine import Lead, Measured, follow, follow_motion, homography_of, measure, similarity_of
 from photomap_gis.ifmi.prior import Prior
-from photomap_gis.ifmi.repeats import closest_repeat
+from photomap_gis.ifmi.repeats import likeness, repeated
 from photomap_gis.ifmi.search import Candidate
 from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.validity import Evidence
@@ -22,6 +22,15 @@ CLEAR = 25.0
 """A lead whose tiles speak this clearly (signal over scatter) needs no further search."""
 APART = 0.04
 """Motions are different ones where the corners of b lie so far apart, as a share of its longer side."""
+
+
+EXPANDED = 2
+REPEATS_FOLLOWED = 4
+"""So many motions, whole periods beside each of the best leads, are followed up."""
+SERIOUS = 0.5
+"""On ground that repeats, leads at least so strong as a share of the strongest are judged by what does not repeat."""
+
+Placed = tuple[Lead, Similarity2D]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,17 +48,13 @@ def decide(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
     if not leads:
         return None
     leads.sort(key=lambda found: -found[0].strength)
+    if a.periods:
+        leads = _beside_periods(a, b, leads, prior)
     best, T_best = leads[0]
     apart_px = APART * max(b.shape)
     rivals = [(lead, T) for lead, T in leads[1:] if distance_px(T, T_best, b) >= apart_px]
     measured = measure(a, b, best)
     tiles = best.tiles
-    repeat = None if tiles is None else closest_repeat(a, b, measured.H_a_b, tiles)
-    moved = None
-    if repeat is not None and repeat.ambiguous:
-        moved = Similarity2D.translation_of(repeat.dx_px, repeat.dy_px) @ measured.T_a_b
-        if prior is not None and not prior.admits(moved, b.size_px):
-            moved = None  # the prior knows which of the periods it is
     evidence = Evidence(
         correlation=measured.correlation,
         overlap=measured.overlap,
@@ -59,19 +64,19 @@ def decide(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         near=0 if tiles is None else int(tiles.near.sum()),
         tiles=0 if tiles is None else len(tiles.near),
         agreeing=measured.agreeing,
+        solved=measured.solved,
         blocks=measured.blocks,
-        contender=rivals[0][0].strength / max(best.strength, 1e-6) if rivals else 0.0,
-        repeats=moved is not None,
+        contender=max((lead.strength for lead, _ in rivals), default=0.0) / max(best.strength, 1e-6),
+        repeats=_repeats(a, b, best, [lead for lead, _ in rivals]),
+        bend=measured.model_sigma_px / (max(b.shape) / 2.0),
     )
-    alternatives = [T for lead, T in rivals if lead.strength > ALTERNATIVE * best.strength]
-    return Finding(measured, evidence, (*alternatives, *(() if moved is None else (moved,))))
+    alternatives = tuple(T for lead, T in rivals if lead.strength > ALTERNATIVE * best.strength)
+    return Finding(measured, evidence, alternatives)
 
 
-def _leads(
-    a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Prior | None
-) -> list[tuple[Lead, Similarity2D]]:
+def _leads(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Prior | None) -> list[Placed]:
     """Follow candidates up, until one is clear or enough have been tried."""
-    leads: list[tuple[Lead, Similarity2D]] = []
+    leads: list[Placed] = []
     tried: list[Similarity2D] = []
     for candidate in candidates:
         if len(tried) == CONTENDERS:
@@ -86,9 +91,42 @@ def _leads(
         if prior is not None and not prior.admits(T, b.size_px):
             continue
         leads.append((lead, T))
-        if lead.strength >= CLEAR:
+        if lead.strength >= CLEAR and not a.periods:
             break
     return leads
+
+
+def _beside_periods(a: Spectrum, b: Spectrum, leads: list[Placed], prior: Prior | None) -> list[Placed]:
+    """Put the motions whole periods beside the best leads up against them; the one that leaves least unlike leads."""
+    found = list(leads)
+    within = None if prior is None else prior.centre_within(b.size_px)
+    for lead, _ in leads[:EXPANDED]:
+        for H in repeated(a, b, homography_of(lead.G, b), REPEATS_FOLLOWED, centre_within=within):
+            moved = follow_motion(a, b, H, lead.snr)
+            T = similarity_of(moved.G, b)
+            if moved.support == 0.0 or (prior is not None and not prior.admits(T, b.size_px)):
+                continue
+            if all(distance_px(T, other, b) >= APART * max(b.shape) for _, other in found):
+                found.append((moved, T))
+    strongest = max(lead.strength for lead, _ in found)
+    serious = [(lead, T) for lead, T in found if lead.strength >= SERIOUS * strongest]
+    serious.sort(key=lambda placed: _unlike(a, b, placed[0]))
+    return serious + [placed for placed in found if placed[0].strength < SERIOUS * strongest]
+
+
+def _unlike(a: Spectrum, b: Spectrum, lead: Lead) -> float:
+    """Return how much of both frames' detail is left unlike, 0..1."""
+    return 1.0 - max(likeness(a, b, homography_of(lead.G, b)).correlation, 0.0) ** 2
+
+
+def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead]) -> float:
+    """Return how unlike the motion leaves the frames as a share of the best rival on ground that repeats, else 0."""
+    if not a.periods:
+        return 0.0
+    serious = [r for r in rivals if r.strength >= SERIOUS * best.strength]
+    if not serious:
+        return 0.0
+    return _unlike(a, b, best) / max(min(_unlike(a, b, r) for r in serious), 1e-6)
 
 
 def distance_px(T: Similarity2D, U: Similarity2D, b: Spectrum) -> float:

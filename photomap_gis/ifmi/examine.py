@@ -52,6 +52,7 @@ class Measured:
     covariance: FloatArray
     model_sigma_px: float
     agreeing: int
+    solved: int
     blocks: int
     overlap: float
     correlation: float
@@ -60,9 +61,14 @@ class Measured:
 
 
 def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
-    """Refine a candidate on the coarse floors and ask the tiles, twice: first where they point, then whether there."""
+    """Refine a candidate on the coarse floors and ask the tiles: first where they point, then whether there."""
+    return follow_motion(a, b, T_a_b.matrix, snr)
+
+
+def follow_motion(a: Spectrum, b: Spectrum, H_a_b: FloatArray, snr: float) -> Lead:
+    """Refine a homography (frame pixels) as ``follow`` does a similarity."""
     frame = Frame(*b.size_px)
-    G = (T_a_b @ frame.T_b_q).matrix
+    G = H_a_b @ frame.T_b_q.matrix
     k = a.spectral
     if k + 1 < len(a.floors):
         coarse = align(a.floors[k + 1], b.floors[k + 1], G, freedom=4, steps=4, enough_px=0.1)
@@ -112,7 +118,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     frame = Frame(*b.size_px)
     G = lead.G
     correlation, attenuation = lead.correlation, 1.0
-    for k in range(a.spectral - 1, -1, -1):
+    for k in range(max(a.spectral - 1, 0), -1, -1):
         fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=FINE_STEPS, enough_px=0.02, near=True)
         if fit.support == 0.0:
             break
@@ -127,7 +133,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     weight = visible(frame, G, a.size_px)
     overlap = _overlap(a, b, G, float(weight.mean()), frame)
     if field is None or np.count_nonzero(weight) < 4:
-        return _unsettled(frame, G, blocks, overlap, correlation)
+        return _unsettled(b, G, blocks, overlap, correlation)
     closest = closest_similarity(frame, G, field.covariance, weight)
     r = frame.reach_px
     centre_b, centre_a = frame.T_b_q.translation, (np.array(a.size_px) - 1.0) / 2.0
@@ -147,10 +153,11 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
         model_sigma_px=math.sqrt(spread.bend2_px2 + spread.scatter2_px2),
         spread=spread,
         agreeing=int(np.count_nonzero(2.0 * field.residual2 < limit2)),
+        solved=len(field.residual2),
         blocks=blocks,
         overlap=overlap,
         correlation=correlation,
-        H_a_b=_homography(G, frame),
+        H_a_b=homography_of(G, b),
     )
 
 
@@ -176,15 +183,16 @@ def similarity_of(G: FloatArray, b: Spectrum) -> Similarity2D:
     return fit_similarity(project(G, frame.grid()), frame.grid()) @ frame.T_q_b
 
 
-def _homography(G: FloatArray, frame: Frame) -> FloatArray:
-    H = G @ frame.T_q_b.matrix
+def homography_of(G: FloatArray, b: Spectrum) -> FloatArray:
+    """``(3, 3)`` homography from b's pixels to a's of a motion."""
+    H = G @ Frame(*b.size_px).T_q_b.matrix
     return np.asarray(H / H[2, 2], np.float64)
 
 
-def _unsettled(frame: Frame, G: FloatArray, blocks: int, overlap: float, correlation: float) -> Measured:
+def _unsettled(b: Spectrum, G: FloatArray, blocks: int, overlap: float, correlation: float) -> Measured:
     """Return the photometric fit, widened: too few blocks could confirm it."""
-    r = frame.reach_px
+    r = max(b.shape) / 2.0
     least = 0.01 * r
     wide = np.diag([least**2, least**2, 0.01**2, 0.01**2])
-    T = fit_similarity(project(G, frame.grid()), frame.grid()) @ frame.T_q_b
-    return Measured(T, wide, least, 0, blocks, overlap, correlation, _homography(G, frame))
+    T = similarity_of(G, b)
+    return Measured(T, wide, least, 0, 0, blocks, overlap, correlation, homography_of(G, b))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.ifmi.spectrum import FAR, Floor
 
 
@@ -27,15 +27,22 @@ class Agreement:
 
 def agreement(a: Floor, b: Floor, T_a_b: Similarity2D) -> Agreement:
     """Return how floors a and b of equal factor agree under ``T_a_b``, given in the frames' own pixels."""
-    T = on_floor(T_a_b, a.factor)
+    return agreement_under(a, b, T_a_b.matrix)
+
+
+def agreement_under(a: Floor, b: Floor, H_a_b: FloatArray) -> Agreement:
+    """Return how floors a and b of equal factor agree under a ``(3, 3)`` homography of the frames' own pixels."""
     h, w = a.shape
-    warped = cv2.warpAffine(
-        b.seen, T.matrix[:2], (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
+    f = np.diag([1.0 / a.factor, 1.0 / a.factor, 1.0])
+    H = f @ H_a_b @ np.diag([a.factor, a.factor, 1.0])
+    warped = cv2.warpPerspective(
+        b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
     ).ravel()
     seen = a.seen.ravel()
     inside = (warped < np.float32(30.0)) & (seen < np.float32(30.0))
     n = int(np.count_nonzero(inside))
-    overlap = n / min(a.values.size, b.values.size * T.scale**2)
+    growth = abs(float(np.linalg.det(H[:2, :2]))) / H[2, 2] ** 2
+    overlap = n / max(min(float(a.values.size), b.values.size * growth), 1.0)
     if n < 64:
         return Agreement(0.0, overlap)
     vb, va = warped * inside, seen * inside

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from photomap_gis.core.similarity import Similarity2D, wrap_angle
+from photomap_gis.core.similarity import FloatArray, Similarity2D, wrap_angle
 
 GATE_SIGMAS = 3.5
 
@@ -36,12 +36,17 @@ class Prior:
             and GATE_SIGMAS * self.sigma_log_scale < 0.5
         )
 
+    def centre_within(self, size_b_px: tuple[int, int]) -> tuple[FloatArray, float]:
+        """Return where in a the centre of b is expected, and how far from there at most it is admitted."""
+        centre = self.T_a_b.apply(((size_b_px[0] - 1) / 2.0, (size_b_px[1] - 1) / 2.0))
+        return centre, GATE_SIGMAS * self.sigma_xy_px + 1.0
+
     def admits(self, T_a_b: Similarity2D, size_b_px: tuple[int, int]) -> bool:
         """Whether a motion lies within the gate (a pixel, a third of a degree and half a percent are granted)."""
-        centre = ((size_b_px[0] - 1) / 2.0, (size_b_px[1] - 1) / 2.0)
-        d = T_a_b.apply(centre) - self.T_a_b.apply(centre)
+        expected, furthest_px = self.centre_within(size_b_px)
+        d = T_a_b.apply(((size_b_px[0] - 1) / 2.0, (size_b_px[1] - 1) / 2.0)) - expected
         return (
-            math.hypot(float(d[0]), float(d[1])) <= GATE_SIGMAS * self.sigma_xy_px + 1.0
+            math.hypot(float(d[0]), float(d[1])) <= furthest_px
             and abs(wrap_angle(T_a_b.angle_rad - self.T_a_b.angle_rad)) <= GATE_SIGMAS * self.sigma_angle_rad + 0.006
             and abs(T_a_b.log_scale - self.T_a_b.log_scale) <= GATE_SIGMAS * self.sigma_log_scale + 0.005
         )

@@ -16,7 +16,7 @@ from photomap_gis.ifmi.decide import decide
 from photomap_gis.ifmi.features import feature_candidates
 from photomap_gis.ifmi.prior import Prior
 from photomap_gis.ifmi.search import Candidate, search
-from photomap_gis.ifmi.spectrum import FINEST_SIDE_PX, Spectrum, make_spectrum
+from photomap_gis.ifmi.spectrum import FINEST_SIDE_PX, Spectrum, make_spectrum, of_one_scale
 from photomap_gis.ifmi.validity import ACCEPT, probability_of
 from photomap_gis.ifmi.working import shrink, to_grey
 
@@ -34,6 +34,7 @@ def register(
     (``search``, which tries several peaks, both twins and all wraps); then a photometric refinement and a judgement
     that may abstain. Where it abstains, ``fallback`` tries features.
     """
+    spectrum_a, spectrum_b = of_one_scale(spectrum_a, spectrum_b)
     result = _registered(spectrum_a, spectrum_b, search(spectrum_a, spectrum_b, prior), prior, "ifmi")
     if fallback and not result.accepted:
         by_features = _registered(

@@ -6,7 +6,8 @@ upwards feed the refinement, one below it the test of overlaps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -82,15 +83,20 @@ class Spectrum:
         return self.shape[1], self.shape[0]
 
 
-def make_spectrum(grey_u8: ImageArray, *, mask: npt.NDArray[np.bool_] | None = None, index: int = -1) -> Spectrum:
-    """Return what registration needs of a grey ``(h, w)`` uint8 frame; ``mask`` is True where it may be used."""
+def make_spectrum(
+    grey_u8: ImageArray, *, mask: npt.NDArray[np.bool_] | None = None, index: int = -1, factor: int | None = None
+) -> Spectrum:
+    """Return what registration needs of a grey ``(h, w)`` uint8 frame; ``mask`` is True where it may be used.
+
+    ``factor`` chooses the spectral floor (the nearest there is), which is else the first that is small enough.
+    """
     if grey_u8.ndim != 2 or grey_u8.dtype != np.uint8:
         raise ValueError(f"grey_u8 must be (h, w) uint8, got {grey_u8.shape} {grey_u8.dtype}")
     if min(grey_u8.shape) < 16:
         raise ValueError(f"grey_u8 must be at least 16 pixels high and wide, got {grey_u8.shape}")
     if mask is not None and mask.shape != grey_u8.shape:
         raise ValueError(f"mask must have the frame's shape {grey_u8.shape}, got {mask.shape}")
-    floors, spectral = _pyramid(grey_u8, mask)
+    floors, spectral = _pyramid(grey_u8, mask, factor)
     floor = floors[spectral]
     F = forward_fft(windowed(floor.values, floor.mask, SHIFT_TAPER))
     S = forward_fft(windowed(floor.values, floor.mask, ROTATION_TAPER, padding=ROTATION_PADDING))
@@ -105,6 +111,24 @@ def make_spectrum(grey_u8: ImageArray, *, mask: npt.NDArray[np.bool_] | None = N
         log_polar_spectrum(S),
         find_periods(F, floor.shape),
     )
+
+
+def of_one_scale(a: Spectrum, b: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """Return both spectra, made anew where they are of frames so different in size that their floors do not pair."""
+    factors = [[f.factor for f in s.floors] for s in (a, b)]
+    if factors[0] == factors[1] and a.spectral == b.spectral:
+        return a, b
+    common = sorted(set(factors[0]) & set(factors[1]))
+    if not common:
+        raise ValueError(f"frames of {a.size_px} and {b.size_px} pixels are too different in size to be registered")
+    wanted = max(a.floors[a.spectral].factor, b.floors[b.spectral].factor)
+    factor = min(common, key=lambda f: abs(f - wanted))
+    both = []
+    for s in (a, b):
+        made = make_spectrum(s.grey, mask=s.mask, index=s.index, factor=factor)
+        floors = tuple(f for f in made.floors if f.factor in common)
+        both.append(replace(made, floors=floors, spectral=common.index(factor)))
+    return both[0], both[1]
 
 
 def windowed(values: Image32, mask: Mask8 | None, taper: float, *, padding: int = 1) -> Image32:
@@ -126,7 +150,7 @@ def on_canvas(image: Image32, canvas: tuple[int, int]) -> Image32:
     return padded
 
 
-def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None) -> tuple[tuple[Floor, ...], int]:
+def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None, wanted: int | None) -> tuple[tuple[Floor, ...], int]:
     """Return the floors, finest first, and which of them is the spectral one."""
     picture = grey.astype(np.float32)
     weights = None if mask is None else mask.astype(np.float32)
@@ -139,6 +163,8 @@ def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None) -> tuple[tupl
         pictures.append((factor, picture, weights))
     kept = [p for p in pictures if max(p[1].shape) <= FINEST_SIDE_PX] or pictures[-1:]
     spectral = next((k for k, p in enumerate(kept) if max(p[1].shape) <= SPECTRAL_SIDE_PX), len(kept) - 1)
+    if wanted is not None:
+        spectral = min(range(len(kept)), key=lambda k: abs(math.log2(kept[k][0] / wanted)))
     light = _light(kept[spectral][1])
     floors = []
     for factor, picture, weights in kept:

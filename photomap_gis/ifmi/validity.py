@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 ACCEPT = 0.9
+MOST_REPEATING = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +27,11 @@ class Evidence:
     near: int
     tiles: int
     agreeing: int
+    solved: int
     blocks: int
     contender: float
-    repeats: bool = False
+    repeats: float = 0.0
+    bend: float = 0.0
 
 
 def probability_of(e: Evidence) -> float:
@@ -44,4 +47,4 @@ def probability_of(e: Evidence) -> float:
         - 3.0 * max(e.contender - 0.5, 0.0)
     )
     probability = 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, score))))
-    return min(probability, 0.5) if e.repeats else probability
+    return min(probability, 0.5) if e.repeats > MOST_REPEATING else probability

@@ -163,3 +163,48 @@ def test_the_covariance_holds_the_truth_and_tilt_is_told_apart(rng, tilt):
         assert 0.8 < np.median(np.array(sigmas) / trues) < 1.25
     else:
         assert max(sigmas) < 0.15
+
+
+@pytest.mark.parametrize("shapes", [((384, 512), (200, 300)), ((200, 300), (384, 512)), ((700, 700), (384, 512))])
+def test_frames_of_different_sizes_register(rng, shapes):
+    """A preview beside a photo: their pyramids do not pair until they are made to."""
+    g = ground(rng, 1400)
+    T_g_a, T_g_b = pose(700, 700, 0, 1.0, shapes[0]), pose(720, 690, 5, 1.0, shapes[1])
+    a, b = (make_spectrum(view(g, T, s)) for T, s in zip((T_g_a, T_g_b), shapes, strict=True))
+    r = register(a, b, fallback=False)
+    assert r.accepted
+    assert rms_px(r.T_a_b, T_g_a.inverse() @ T_g_b, shapes[1]) < 0.1
+
+
+def _parking(rng, empty: float) -> np.ndarray:
+    """Rows of lots; a share of them ``empty``, the others with cars of one kind or of many."""
+    g = np.full((700, 700), 105.0)
+    for y in range(0, 700, 60):
+        for x in range(0, 700, 24):
+            g[y : y + 40, x] = g[y, x : x + 24] = 210.0
+            if rng.random() >= empty:
+                g[y + 6 : y + 34, x + 5 : x + 19] = 60.0
+                g[y + 14 : y + 20, x + 8 : x + 16] = 150.0
+    return cv2.GaussianBlur(np.clip(g, 0, 255).astype(np.uint8), (0, 0), 1.0)
+
+
+def test_among_rows_the_odd_ones_out_decide(rng):
+    """Some lots are empty: only one motion fits them all, whatever the period says of the others."""
+    shape, right = (256, 256), 0
+    for _ in range(6):
+        g = _parking(rng, 0.25)
+        T_g_a, T_g_b = pose(330, 340, 0, 1.0, shape), pose(330 + rng.uniform(40, 90), 340, 3, 1.0, shape)
+        r = register_images(*(noisy(rng, view(g, T, shape), 2.0) for T in (T_g_a, T_g_b)), fallback=False)
+        off = rms_px(r.T_a_b, T_g_a.inverse() @ T_g_b, shape) > 2.0
+        assert not (r.accepted and off)
+        right += r.accepted
+    assert right >= 5
+
+
+def test_among_equal_rows_the_other_motions_are_told(rng):
+    shape = (256, 256)
+    g = _parking(rng, 0.0)
+    T_g_a, T_g_b = pose(330, 340, 0, 1.0, shape), pose(370, 348, 0, 1.0, shape)
+    r = register_images(*(noisy(rng, view(g, T, shape), 2.0) for T in (T_g_a, T_g_b)), fallback=False)
+    assert not r.accepted
+    assert r.alternatives
