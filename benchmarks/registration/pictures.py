@@ -220,7 +220,8 @@ def show_different_places(p: Picture, q: Picture) -> bool:
 @lru_cache(maxsize=512)
 def fix_deg(picture: Picture) -> tuple[float, float]:
     """Latitude and longitude of a photo's fix."""
-    gps = Image.open(_path(picture)).getexif().get_ifd(GPS_IFD)
+    with Image.open(_path(picture)) as photo:
+        gps = photo.getexif().get_ifd(GPS_IFD)
     latitude, longitude = (
         (-1.0 if gps[ref] in ("S", "W") else 1.0) * sum(float(v) / 60.0**k for k, v in enumerate(gps[value]))
         for ref, value in ((1, 2), (3, 4))
