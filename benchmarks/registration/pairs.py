@@ -210,8 +210,10 @@ def _wrong_pair(cls: str, spec: PairClass, rng: np.random.Generator, sources: So
     """Return two views with nothing in common: of two pictures, or of two places of one picture."""
     single = replace(spec, translation=(0.0, 0.0))
     for _ in range(60):
-        p = _draw(rng, sources)
-        q = p if rng.random() < 0.5 else _draw(rng, sources)
+        group = _draw_group(rng, sources)
+        p, way = _draw_from(rng, group), rng.random()
+        # two places of a picture; two pictures of a kind (fields of one flight, scenes); any two
+        q = p if way < 0.5 else _draw_from(rng, group) if way < 0.75 else _draw_from(rng, _draw_group(rng, sources))
         if q is not p and not show_different_places(p, q):
             continue
         grey_p, grey_q = read_grey(p), read_grey(q)
@@ -245,7 +247,7 @@ def _choose(spec: PairClass, rng: np.random.Generator, sources: Sources, lens: L
             seed = int(rng.integers(REPETITIVE_SEEDS)) * 2 + (sources.part == "reporting")
             name, grey, least = f"repetitive-{seed}", repetitive_ground(seed), 1.0
         else:
-            picture = _draw(rng, sources)
+            picture = _draw_from(rng, _draw_group(rng, sources))
             name, least = picture.name, picture.least_px
             grey = read_calm(picture) if spec.low_texture else read_grey(picture)
         shot = _aim(spec, rng, lens, grey.shape, least)
@@ -263,9 +265,11 @@ def _choose(spec: PairClass, rng: np.random.Generator, sources: Sources, lens: L
     raise RuntimeError("no picture has room for such a pair: frames too large or moved too far")
 
 
-def _draw(rng: np.random.Generator, sources: Sources) -> Picture:
-    """Draw a group, then a picture of it."""
-    group = sources.groups[int(rng.integers(len(sources.groups)))]
+def _draw_group(rng: np.random.Generator, sources: Sources) -> tuple[Picture, ...]:
+    return sources.groups[int(rng.integers(len(sources.groups)))]
+
+
+def _draw_from(rng: np.random.Generator, group: tuple[Picture, ...]) -> Picture:
     return group[int(rng.integers(len(group)))]
 
 
