@@ -217,12 +217,10 @@ def _wrong_pair(cls: str, spec: PairClass, rng: np.random.Generator, sources: So
         if q is not p and not show_different_places(p, q):
             continue
         grey_p, grey_q = read_grey(p), read_grey(q)
-        first = _aim(single, rng, lens, grey_p.shape, p.least_px, alone=True)
-        second = _aim(single, rng, lens, grey_q.shape, q.least_px, alone=True)
-        if first is None or second is None:
+        shots = _aim_apart(single, rng, lens, (p, q), (grey_p.shape, grey_q.shape))
+        if shots is None:
             continue
-        if p is q and not _apart(first.box, second.box):
-            continue
+        first, second = shots
         if min(_contrast(grey_p, first.box), _contrast(grey_q, second.box)) < LEAST_CONTRAST / 2.0:
             continue
         m = spec.nuisance.margin_px
@@ -232,6 +230,25 @@ def _wrong_pair(cls: str, spec: PairClass, rng: np.random.Generator, sources: So
         nothing = np.zeros((0, 2))
         return Pair(cls, name, a8, b8, None, 0.0, 0.0, nothing, nothing, (first.tilt_deg[0], second.tilt_deg[1]))
     raise RuntimeError(f"no two places found for a pair of class {cls}")
+
+
+def _aim_apart(
+    spec: PairClass,
+    rng: np.random.Generator,
+    lens: Lens,
+    of: tuple[Picture, Picture],
+    shapes: tuple[tuple[int, ...], ...],
+) -> tuple[_Shot, _Shot] | None:
+    """Place one camera over each of two pictures; over one and the same, where they see nothing in common."""
+    for _ in range(12):  # the places of a photo that lie apart are few
+        first, second = (
+            _aim(spec, rng, lens, shape, p.least_px, alone=True) for p, shape in zip(of, shapes, strict=True)
+        )
+        if first is None or second is None:
+            continue
+        if of[0] != of[1] or _apart(first.box, second.box):
+            return first, second
+    return None
 
 
 def _apart(first: FloatArray, second: FloatArray) -> bool:
