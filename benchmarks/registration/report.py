@@ -80,7 +80,8 @@ def number(value: float, unit: Unit) -> str:
     if math.isinf(value):
         return "inf"
     if unit == "%":
-        return f"{100.0 * value:.{PERCENT_DIGITS}f}"
+        percent = 100.0 * value
+        return f"{percent:.{OTHER_DIGITS if 0.0 < abs(percent) < 1.0 else PERCENT_DIGITS}f}"
     return f"{value:.{OTHER_DIGITS}f}" if abs(value) < 100 else f"{value:.0f}"
 
 
