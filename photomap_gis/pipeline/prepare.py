@@ -6,6 +6,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from threading import Lock
 
@@ -17,11 +18,12 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.errors import FrameReadError, OutputError
 from photomap_gis.core.frame import Frame, FrameRef, ImageArray
 from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.ifmi import Spectrum, judge_frame, make_spectrum, make_working
+from photomap_gis.ifmi import FrameLook, Spectrum, judge_frame, look_at, make_spectrum, make_working
 from photomap_gis.ifmi.working import shrink as shrink_grey
 from photomap_gis.ifmi.working import to_grey
 from photomap_gis.ingest import read_frame, read_frames
 from photomap_gis.parallel import map_jobs
+from photomap_gis.pipeline.neighbours import WorkingImages, judge_neighbours
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.publish import write_file
 from photomap_gis.store import Mission, PreparedFrame
@@ -76,7 +78,11 @@ def prepare_frames(
     settings: MapSettings,
     on_progress: Progress,
 ) -> dict[int, PreparedFrame]:
-    """Judge every frame and keep its working image; frames prepared by an earlier run are not touched again."""
+    """Judge every frame and keep its working image; frames prepared by an earlier run are not touched again.
+
+    Each frame is judged by itself and against the last usable one before it, then once more registered to that one:
+    what of it does not fit there is masked in its working image, and a frame of which too much is lost is not used.
+    """
     prepared = {p.frame: p for p in mission.prepared}
     missing = [ref for ref in frames if ref.index not in prepared]
 
@@ -103,25 +109,28 @@ def prepare_frames(
         if small.grey is None:
             record = PreparedFrame(small.ref.index, False, small.reason)
         else:
-            verdict = judge_frame(small.grey, previous[1] if previous and previous[0] == flight else None)
+            look = look_at(small.grey)
+            verdict = judge_frame(look, previous[1] if previous and previous[0] == flight else None)
             record = PreparedFrame(small.ref.index, verdict.ok, verdict.reason, small.T_plane_work)
             if verdict.ok:
-                previous = (flight, small.grey)
+                previous = (flight, look)
         mission.prepared.append(record)
         prepared[record.frame] = record
         done += 1
         on_progress("read", done, len(frames))
+    images = WorkingImages(partial(_load_working, mission), partial(_keep_working, mission))
+    judge_neighbours(mission, frames, prepared, images, workers=settings.workers, on_progress=on_progress)
     return prepared
 
 
 def _last_good(
     mission: Mission, frames: Sequence[FrameRef], prepared: Mapping[int, PreparedFrame], size_px: int
-) -> tuple[int, ImageArray] | None:
-    """Return flight and small raster of the newest usable frame of an earlier run: it helps to judge the next one."""
+) -> tuple[int, FrameLook] | None:
+    """Return flight and look of the newest usable frame of an earlier run: it helps to judge the next one."""
     for ref in reversed(frames):
         if ref.index in prepared and prepared[ref.index].usable:
             try:
-                return ref.flight, shrink_grey(to_grey(read_pixels(mission, ref)), size_px)[0]
+                return ref.flight, look_at(shrink_grey(to_grey(read_pixels(mission, ref)), size_px)[0])
             except FrameReadError:
                 return None
     return None

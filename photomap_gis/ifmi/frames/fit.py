@@ -65,8 +65,11 @@ def fit(look: FrameLook, before: FrameLook, H_a_b: FloatArray) -> Fit:
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     framed = np.where(bars(a8, b8), 0, 255).astype(np.uint8)
     under = cv2.warpPerspective(a8, M, (w, h), flags=flags)
-    seen = cv2.warpPerspective(framed, M, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+    shown = framed if before.usable is None else framed & before.usable
+    seen = cv2.warpPerspective(shown, M, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
     seen = cv2.erode(seen, _FIVE, borderType=cv2.BORDER_CONSTANT, borderValue=255) & framed
+    if look.usable is not None:
+        seen &= cv2.erode(look.usable, _FIVE, borderType=cv2.BORDER_CONSTANT, borderValue=255)
     weight = (seen > 0).astype(np.float32)
     a = _detail(cv2.GaussianBlur(under, (3, 3), 0.7).astype(np.float32), weight)
     b = _detail(cv2.GaussianBlur(b8, (3, 3), 0.7).astype(np.float32), weight)

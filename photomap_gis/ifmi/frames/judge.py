@@ -23,6 +23,9 @@ STRIPED = 0.004
 SNOW_COHERENCE, SNOW_LIKENESS, SNOW_DEVIATION = 0.33, 0.35, 6.0
 SMEARED_SHARE, BLOCKY_SHARE = 0.32, 0.06
 """Shares that are as good as certain; half of them is an even bet."""
+TORN_RATIO = 2.4
+"""Two rows that differ so much more than those around them are an even bet."""
+LIKELY = 0.95
 
 
 def judge_frame(
@@ -95,7 +98,8 @@ def _doubt(t: Traits, before: Traits, blurred: float) -> float:
         max(
             0.0,
             (t.smeared - before.smeared) / SMEARED_SHARE,
-            (t.blocky - 2.0 * before.blocky) / BLOCKY_SHARE,
+            min(LIKELY, (t.blocky - 2.0 * before.blocky) / BLOCKY_SHARE),
+            min(LIKELY, 0.5 * (t.tear / max(before.tear, 1.0) - 1.0) / (TORN_RATIO - 1.0)),
             0.75 * (t.flat_share - before.flat_share) / FLAT_SHARE,
             1.0 / (1.0 + math.exp(min(-(blurred - blur.LIKELY), 50.0))),
         ),

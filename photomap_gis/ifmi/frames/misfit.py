@@ -49,18 +49,23 @@ def understand(fit: Fit, doubt: float = 0.0) -> Misfit:
         return Misfit(places, None)
     stale, drawn = _still_places(fit)
     made = _made_by_machines(places & (1 - drawn))
-    near = fit.overlap > WIDE_BASE
-    limit = (NAMED_SHARE if near else NAMED_SHARE_WIDE) * max(LEAST_LIMIT, 1.0 - doubt)
-    lost = cv2.dilate(places, _THREE)
+    limit = (NAMED_SHARE if fit.overlap > WIDE_BASE else NAMED_SHARE_WIDE) * max(LEAST_LIMIT, 1.0 - doubt)
+    fault = _fault(made, stale, places & (1 - drawn), fit, limit)
+    # between two lost places of a fault nothing is to be trusted either, though nothing may show there
+    whole = places if fault is None else cv2.morphologyEx(places, cv2.MORPH_CLOSE, _LARGE) & fit.seen
+    return Misfit(cv2.dilate(whole, _THREE), fault)
+
+
+def _fault(made: Mask8, stale: Mask8, loose: Mask8, fit: Fit, limit: float) -> Fault | None:
     if _is_torn(made, fit.seen):
-        return Misfit(lost, Fault.TORN)
+        return Fault.TORN
     if float(made.mean()) > limit:
-        return Misfit(lost, _name(made, stale))
+        return _name(made, stale)
     if float(stale.mean()) > limit:
-        return Misfit(lost, Fault.STALE)
-    if near and float((places & (1 - drawn)).mean()) > SCATTERED_SHARE:
-        return Misfit(lost, Fault.BLOCKS)
-    return Misfit(lost, None)
+        return Fault.STALE
+    if fit.overlap > WIDE_BASE and float(loose.mean()) > SCATTERED_SHARE:
+        return Fault.BLOCKS
+    return None
 
 
 def _still_places(fit: Fit) -> tuple[Mask8, Mask8]:

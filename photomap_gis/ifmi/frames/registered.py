@@ -23,7 +23,7 @@ LEAST_SURE = 0.7
 """A torn frame that overlaps less may be registered by the band that moved."""
 MASKED_SHARE = 0.01
 """From this share of the frame on, what does not fit is masked."""
-MOST_LOST = 0.33
+MOST_LOST = 0.4
 """Share of what both frames saw above which it is not sure any more which part is right."""
 BELIEVED_DOUBT = 0.5
 WRAPPED_SHARE = 0.08

@@ -27,6 +27,7 @@ NEAR_PX, FAR_PX = 3, 16
 """Distances (coarse pixels) whose differences tell sharpness: a heavy blur takes the near ones away."""
 SMEAR_ROWS = 8
 STEP_GREY = 14
+STRIPS, TEAR_ROWS = 16, 13
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +38,8 @@ class Traits:
     that of its means over 8 x 8 pixels relative to it, ``row_likeness`` the correlation of neighbouring rows: both
     near 0 for noise. ``near`` and ``far``, ``(8,)`` by direction from 0 to 180 degrees: mean squared differences of
     pixels 3 and 16 apart, noise taken off. ``smeared`` of it repeats the row (or the column) beside it; ``blocky`` of
-    it is cut off from its neighbours by straight steps, level and plumb.
+    it is cut off from its neighbours by straight steps, level and plumb; ``tear`` is how much two rows differ across
+    the width against the rows around them.
     """
 
     flat_share: float
@@ -49,6 +51,7 @@ class Traits:
     far: FloatArray
     smeared: float
     blocky: float
+    tear: float
 
 
 def traits_of(fine: ImageArray, coarse: ImageArray) -> Traits:
@@ -58,7 +61,9 @@ def traits_of(fine: ImageArray, coarse: ImageArray) -> Traits:
     spurious = 2.0 * (0.5 * _noise(fine)) ** 2  # a coarse pixel is the mean of four
     picture = coarse.astype(np.float32)
     near, far = (np.maximum(_differences(picture, d) - spurious, 0.0) for d in (NEAR_PX, FAR_PX))
-    return Traits(flat_share, flat_level, deviation, coherence, likeness, near, far, _smeared(coarse), _blocky(fine))
+    return Traits(
+        flat_share, flat_level, deviation, coherence, likeness, near, far, _smeared(coarse), _blocky(fine), _tear(fine)
+    )
 
 
 def _flat(coarse: ImageArray) -> tuple[float, float]:
@@ -144,3 +149,16 @@ def _straight(step: ImageArray, beside: ImageArray, run_hw: tuple[int, int]) -> 
     _, lone = cv2.threshold(lone, STEP_GREY, 1, cv2.THRESH_BINARY)
     long = cv2.morphologyEx(lone, cv2.MORPH_OPEN, np.ones(run_hw, np.uint8))
     return 16.0 * float(np.count_nonzero(long)) / long.size  # every step of a side stands for a block's width
+
+
+def _tear(fine: ImageArray) -> float:
+    """Return how much the rows differ where they differ most, in three of four strips, against the rows around."""
+    h, w = fine.shape
+    if h < 16 or w < STRIPS:
+        return 0.0
+    step = cv2.resize(
+        cv2.absdiff(fine[1:], fine[:-1]).astype(np.float32), (STRIPS, h - 1), interpolation=cv2.INTER_AREA
+    )
+    around = (TEAR_ROWS * cv2.blur(step, (1, TEAR_ROWS)) - step) / (TEAR_ROWS - 1.0)
+    ratio = np.partition(step / (around + 1.0), STRIPS // 4, axis=1)[3:-3, STRIPS // 4]
+    return float(ratio.max())
