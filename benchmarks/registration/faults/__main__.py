@@ -14,8 +14,9 @@ from pathlib import Path
 import cv2
 
 from benchmarks.registration.faults.broken import Kind
+from benchmarks.registration.faults.cases import Case
 from benchmarks.registration.faults.judging import Outcome
-from benchmarks.registration.faults.measure import FAULTY_COUNT, batches, judge_batch, make_case, misses, section_of
+from benchmarks.registration.faults.measure import FAULTY_COUNT, batches, make_case, misses, run, section_of
 from benchmarks.registration.faults.partly import Loss
 from benchmarks.registration.faults.sheet import write_sheet
 from benchmarks.registration.faults.sound import available
@@ -30,6 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="a tenth of them")
     parser.add_argument("--part", choices=("tuning", "reporting"), default="reporting", help="which pictures")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("-j", "--processes", type=int, default=1, help="processes")
     parser.add_argument("--only", nargs="+", default=[], metavar="KIND", help="kinds whose name contains one of these")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
     parser.add_argument("--sheet", type=Path, metavar="FILE", help="draw samples of each kind and every miss")
@@ -43,9 +45,9 @@ def main(arguments: list[str] | None = None) -> int:
         b for b in batches(count, chosen.seed, chosen.part) if not chosen.only or any(k in b.kind for k in chosen.only)
     ]
     outcomes: list[Outcome] = []
-    for k, batch in enumerate(todo):
-        outcomes += judge_batch(batch)
-        print(f"\r{k + 1}/{len(todo)} {batch.group} {batch.kind:20}", end="", file=sys.stderr, flush=True)
+    for k, some in enumerate(run(todo, chosen.processes)):
+        outcomes += some
+        print(f"\r{k + 1}/{len(todo)} {some[0].kind:20}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     section = section_of(outcomes)
     print(markdown(section))
@@ -58,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if section.missed else 0
 
 
-def _cases(chosen: argparse.Namespace, outcomes: list[Outcome]) -> list:  # type: ignore[type-arg]
+def _cases(chosen: argparse.Namespace, outcomes: list[Outcome]) -> list[tuple[Case, str]]:
     groups = {**{k.value: "faulty" for k in Kind}, **{s.value: "sound" for s in available(chosen.part)}}
     groups |= {loss.value: "partly" for loss in Loss if loss.value not in groups}
     out = []

@@ -55,17 +55,34 @@ class Case:
         return 0.0 if self.damaged is None else float(self.damaged.mean())
 
 
-def strong_difference(clean: Grey, shown: Grey) -> npt.NDArray[np.bool_]:
+def strong_difference(clean: Grey, shown: Grey, *, drifted: bool = False) -> npt.NDArray[np.bool_]:
     """``(h, w)`` True where a frame shows what its clean picture shows nowhere near.
 
     Strongly is by more than 0.3 of the clean picture's own standard deviation, and by 8 grey levels at least, after
     gain and offset of the whole are evened out. Where the frame as a whole fits better displaced (its link lost a
-    motion, not the picture), it is compared displaced.
+    motion, not the picture), it is compared displaced; by a smooth field of small displacements too where it may have
+    ``drifted``, as a decoder's picture does when it goes on from a lost reference.
     """
     best = _beyond(clean, shown)
     for moved in _displaced(clean, shown) if float(best.mean()) >= FAULTY_SHARE else ():
         best = moved if moved.mean() < best.mean() else best
+    if drifted and float(best.mean()) >= FAULTY_SHARE:
+        moved = _drifted(clean, shown)
+        best = moved if moved.mean() < best.mean() else best
     return best
+
+
+def _drifted(clean: Grey, shown: Grey) -> npt.NDArray[np.bool_]:
+    """Compare with the clean picture displaced by a field that bends over a tenth of the width, up to 6 % of it."""
+    h, w = clean.shape
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(
+        shown, clean, np.zeros((h, w, 2), np.float32)
+    )
+    smooth = [cv2.GaussianBlur(np.ascontiguousarray(flow[..., k]), (0, 0), 0.1 * w) for k in (0, 1)]
+    x, y = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
+    dx, dy = (np.clip(f, -0.06 * w, 0.06 * w).astype(np.float32) for f in smooth)
+    moved = cv2.remap(clean, x + dx, y + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return _beyond(np.asarray(moved, np.uint8), shown)
 
 
 def seen_before(H_ground_previous: npt.NDArray[np.float64], H_ground_frame: npt.NDArray[np.float64], frame: Grey,

@@ -68,7 +68,7 @@ def measure(options: Options) -> Section:
     todo = batches(options.count, options.seed, options.part)
     outcomes: list[Outcome] = []
     total = sum(len(b.seeds) for b in todo)
-    for some in _run(todo, options.processes):
+    for some in run(todo, options.processes):
         outcomes += some
         options.on_progress(len(outcomes), total)
     return section_of(outcomes)
@@ -79,7 +79,8 @@ def report(n: int, seed: int = 0, part: Part = "reporting", processes: int = 1) 
     return measure(Options(n, seed, part, processes))
 
 
-def _run(todo: Sequence[Batch], processes: int) -> Iterator[list[Outcome]]:
+def run(todo: Sequence[Batch], processes: int = 1) -> Iterator[list[Outcome]]:
+    """Yield each batch's outcomes, in order; the same in any number of processes."""
     if processes == 1:
         yield from map(judge_batch, todo)
         return
@@ -155,11 +156,13 @@ def _varieties(faulty: Sequence[Outcome]) -> Table:
     for kind, variety in sorted({(o.kind, o.variety) for o in faulty}):
         some = [o for o in faulty if (o.kind, o.variety) == (kind, variety)]
         n = len(some)
-        rows.append(
-            (kind, variety, str(n), _percent(sum(o.detected for o in some), n),
-             _percent(sum(o.rejected for o in some), n), _percent(sum(o.alone for o in some), n), _percent(sum(o.masked > 0 for o in some), n),
-             _names(some))
-        )  # fmt: skip
+        shares = (
+            sum(o.detected for o in some),
+            sum(o.rejected for o in some),
+            sum(o.alone for o in some),
+            sum(o.masked > 0 for o in some),
+        )
+        rows.append((kind, variety, str(n), *(_percent(share, n) for share in shares), _names(some)))
     head = ("kind", "made by", "n", "detected %", "rejected %", "before registration %", "kept with mask %", "named")
     return Table("Error frames", head, tuple(rows))
 

@@ -87,9 +87,11 @@ def _first(rng: np.random.Generator, part: Part) -> Pair:
 
 
 def _strangers(rng: np.random.Generator, part: Part) -> Pair:
-    frame = coded(rng, take(rng, part, count=2))[1]
+    """The camera looks somewhere else: a cut, a gap, the next strip."""
+    look = Look.draw(rng)
+    frame = coded(rng, expose(rng, fly(rng, draw_picture(rng, part), Motion.VIDEO, 2), look))[1]
     wh = (frame.shape[1], frame.shape[0])
-    return expose(rng, fly(rng, draw_picture(rng, part), Motion.VIDEO, 1, size_wh=wh), Look.draw(rng))[0], frame
+    return expose(rng, fly(rng, draw_picture(rng, part), Motion.VIDEO, 1, size_wh=wh), look)[0], frame
 
 
 def _hover(rng: np.random.Generator, part: Part) -> Pair:
@@ -265,7 +267,7 @@ def _real(rng: np.random.Generator, part: Part) -> Pair:
 @lru_cache(maxsize=1)
 def _video_frames() -> list[Grey]:
     with av.open(str(SHARED / "misb_video" / "sample-stream.ts")) as container:
-        return [f.to_ndarray(format="gray") for f in container.decode(video=0)]
+        return [np.asarray(f.to_ndarray(format="gray"), np.uint8) for f in container.decode(video=0)]
 
 
 def _real_video(rng: np.random.Generator, part: Part) -> Pair:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
+from typing import Any, cast
 
 import av
 import cv2
@@ -53,7 +54,7 @@ Packet = tuple[int, bytes]
 
 def encode(frames: list[Grey], coding: Coding) -> list[Packet]:
     """Return the stream's packets, each with its frame's number."""
-    context = av.CodecContext.create(coding.codec.encoder, "w")
+    context = cast(av.VideoCodecContext, av.CodecContext.create(coding.codec.encoder, "w"))
     h, w = frames[0].shape
     context.width, context.height, context.pix_fmt = w, h, "yuv420p"
     context.time_base, context.framerate, context.thread_count = Fraction(1, 25), Fraction(25), 1
@@ -80,7 +81,7 @@ def decode(packets: list[Packet], codec: Codec) -> dict[int, Grey]:
     context.flags2 |= Flags2.show_all
     shown: dict[int, Grey] = {}
 
-    def take(packet: av.Packet | None) -> None:
+    def take(packet: av.Packet[Any] | None) -> None:
         try:
             for frame in context.decode(packet):
                 if frame.pts is not None:

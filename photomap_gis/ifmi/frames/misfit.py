@@ -13,12 +13,13 @@ from photomap_gis.ifmi.frames.verdict import Fault
 STALE_SHARE = 0.006
 """A place that shows the predecessor's own pixels counts as a lost block from this share of the frame."""
 GHOST_SHARE = 0.3
-DRAWN_SHARE = 0.08
+DRAWN_SHARE, MOST_DRAWN = 0.08, 0.12
 WIDE_BASE = 0.75
 """Below this overlap trees and walls look so different that only large places count."""
 NAMED_SHARE, NAMED_SHARE_WIDE = 0.012, 0.06
 SCATTERED_SHARE = 0.035
 """Small places that do not fit, all together: more than cars and leaves account for."""
+SCATTERED_SHARE_WIDE = 0.14
 LEAST_LIMIT = 0.2
 ROW_WIDTH, ROW_HEIGHT = 0.7, 0.06
 PANEL_FILL, PANEL_SHARE = 0.6, 0.06
@@ -63,7 +64,7 @@ def _fault(made: Mask8, stale: Mask8, loose: Mask8, fit: Fit, limit: float) -> F
         return _name(made, stale)
     if float(stale.mean()) > limit:
         return Fault.STALE
-    if fit.overlap > WIDE_BASE and float(loose.mean()) > SCATTERED_SHARE:
+    if float(loose.mean()) > (SCATTERED_SHARE if fit.overlap > WIDE_BASE else SCATTERED_SHARE_WIDE * fit.overlap):
         return Fault.BLOCKS
     return None
 
@@ -89,6 +90,7 @@ def _still_places(fit: Fit) -> tuple[Mask8, Mask8]:
     renewed = (sizes >= 8) & (traces < GHOST_SHARE * sizes)
     # what is drawn over every picture is small, or the camera would be of no use
     huge = stats[:, cv2.CC_STAT_AREA] > DRAWN_SHARE * still.size
+    huge |= bool(float(still.mean()) > MOST_DRAWN)
     is_stale = (large & renewed) | huge
     is_stale[0] = False
     stale = is_stale[labels].astype(np.uint8)

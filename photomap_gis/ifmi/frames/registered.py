@@ -13,6 +13,7 @@ import numpy.typing as npt
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.ifmi.frames.blur import LIKELY, blur_score
 from photomap_gis.ifmi.frames.fit import Fit, Mask8, fit
 from photomap_gis.ifmi.frames.look import FrameLook, look_at
 from photomap_gis.ifmi.frames.misfit import understand
@@ -25,7 +26,9 @@ MASKED_SHARE = 0.01
 """From this share of the frame on, what does not fit is masked."""
 MOST_LOST = 0.4
 """Share of what both frames saw above which it is not sure any more which part is right."""
-BELIEVED_DOUBT = 0.5
+BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
+LEAST_AGREEMENT = 0.55
+"""A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
@@ -53,6 +56,9 @@ def judge_registered(
     found = fit(look, before, np.asarray(H, np.float64))
     if found.overlap < LEAST_OVERLAP:
         return GOOD
+    if doubt > BELIEVED_DOUBT and found.agreement < LEAST_AGREEMENT:
+        blurred = blur_score(look.traits, before.traits) > LIKELY
+        return rejected(Fault.BLURRED if blurred else Fault.BLOCKS)
     if _is_wrapped(look, before, found, H):
         return rejected(Fault.TORN, ": its parts have changed places")
     misfit = understand(found, doubt)
@@ -60,11 +66,12 @@ def judge_registered(
         return GOOD
     if doubt >= 1.0:
         return rejected(misfit.fault or Fault.BLOCKS)
-    words = None if misfit.fault is None else f"{misfit.fault.words}: {misfit.share:.0%} lost"
-    if misfit.share > MOST_LOST * found.overlap or (misfit.fault is Fault.TORN and found.overlap < LEAST_SURE):
-        fault = misfit.fault or Fault.BLOCKS
+    fault = misfit.fault or (Fault.BLOCKS if doubt >= NAMING_DOUBT else None)
+    words = None if fault is None else f"{fault.words}: {misfit.share:.0%} lost"
+    if misfit.share > MOST_LOST * found.overlap or (fault is Fault.TORN and found.overlap < LEAST_SURE):
+        fault = fault or Fault.BLOCKS
         return FrameVerdict(False, f"{fault.words}: {misfit.share:.0%} lost", fault, None, misfit.share)
-    return FrameVerdict(True, words, misfit.fault, _usable(misfit.lost, look.shape), misfit.share)
+    return FrameVerdict(True, words, fault, _usable(misfit.lost, look.shape), misfit.share)
 
 
 def _usable(lost: Mask8, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
