@@ -109,7 +109,10 @@ def _asked(a: Spectrum, b: Spectrum, G: FloatArray, snr: float, frame: Frame) ->
     fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=5, enough_px=0.03, stiffness=STIFFNESS)
     if fit.support == 0.0:
         return Lead(G, fit.correlation, 0.0, None, snr)
-    tiles = tile_pulses(a.floors[k], b.floors[k], fit.G @ frame.T_q_b.matrix)
+    H = fit.G @ frame.T_q_b.matrix
+    tiles = tile_pulses(a.floors[k], b.floors[k], H)
+    if tiles is None and k > 0:  # a narrow overlap: tiles of as many pixels are smaller on the finer floor
+        tiles = tile_pulses(a.floors[k - 1], b.floors[k - 1], H)
     return Lead(fit.G, fit.correlation, fit.support, tiles, snr)
 
 

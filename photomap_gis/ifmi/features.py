@@ -20,10 +20,13 @@ from photomap_gis.ifmi.search import Candidate
 from photomap_gis.ifmi.spectrum import Spectrum
 
 MOST_FEATURES = 1500
-CONTRAST_THRESHOLD = 0.015
+CONTRAST_THRESHOLD = 0.01
 RATIO = 0.85
 RANSAC_PX = 4.0
-FEWEST_INLIERS = 8
+FEWEST_INLIERS = 6
+"""Few are enough for a candidate: whether it is right, refinement and judgement will tell."""
+EQUALISER = cv2.createCLAHE(2.0, (8, 8))
+"""Calm ground has its detail raised before features are looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +56,7 @@ def make_features(spectrum: Spectrum) -> Features:
     """Return the features of a frame's working picture."""
     sift = cv2.SIFT.create(nfeatures=MOST_FEATURES, contrastThreshold=CONTRAST_THRESHOLD)
     mask = None if spectrum.mask is None else spectrum.mask.astype(np.uint8) * 255
-    keypoints, descriptors = sift.detectAndCompute(spectrum.grey, mask)
+    keypoints, descriptors = sift.detectAndCompute(EQUALISER.apply(spectrum.grey), mask)
     if descriptors is None or len(keypoints) == 0:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     points = np.array([k.pt for k in keypoints], np.float32)
@@ -71,7 +74,7 @@ def feature_candidates(a: Spectrum, b: Spectrum, prior: Prior | None) -> list[Ca
         return []
     pa, pb = fa.points[rows], fb.points[columns]
     found: list[Candidate] = []
-    for _ in range(2):  # the second round looks for another motion among what the first left over
+    for _ in range(3):  # every further round looks for another motion among what the others left over
         matrix, inliers = cv2.estimateAffinePartial2D(
             pb, pa, method=cv2.RANSAC, ransacReprojThreshold=RANSAC_PX, maxIters=3000, confidence=0.999
         )
