@@ -100,7 +100,8 @@ def align(
             if slopes_a is None:
                 slopes_a = _slopes_of_a(a, G, t, freedom)
             curvature, attenuation = _curvature(WJ, slopes_a, curvature)
-        damped = curvature + np.diag(_damping(curvature, freedom, stiffness))
+        damped = curvature.copy()
+        damped.flat[:: freedom + 1] += _damping(curvature, freedom, stiffness)
         step = np.asarray(-np.linalg.solve(damped, (WJ @ residual).astype(np.float64)), np.float64)
         length_px = reach_px * math.sqrt(float(step @ step))
         if length_px > LONGEST_STEP_PX:
@@ -187,7 +188,8 @@ def look_up(a: Floor, G: FloatArray, qx: Image32, qy: Image32) -> tuple[Image32,
 
 def _places(a: Floor, G: FloatArray, qx: Image32, qy: Image32) -> tuple[Image32, Image32]:
     """Return where b's field coordinates lie on a floor of a, in its pixels."""
-    g = (np.diag([1.0 / a.factor, 1.0 / a.factor, 1.0]) @ G).astype(np.float32)
+    g = G.astype(np.float32)
+    g[:2] /= np.float32(a.factor)
     x = g[0, 0] * qx + g[0, 1] * qy + g[0, 2]
     y = g[1, 0] * qx + g[1, 1] * qy + g[1, 2]
     if g[2, 0] != 0.0 or g[2, 1] != 0.0:

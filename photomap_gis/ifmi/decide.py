@@ -24,6 +24,8 @@ APART = 0.04
 """Motions are different ones where the corners of b lie so far apart, as a share of its longer side."""
 
 
+REPETITIVE = 0.45
+"""Frames so much like themselves elsewhere are searched to the end: the first clear lead may be a twin of another."""
 EXPANDED = 2
 REPEATS_FOLLOWED = 4
 """So many motions, whole periods beside each of the best leads, are followed up."""
@@ -78,6 +80,7 @@ def _leads(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
     """Follow candidates up, until one is clear or enough have been tried."""
     leads: list[Placed] = []
     tried: list[Similarity2D] = []
+    repetitive = max((p.likeness for p in a.periods), default=0.0) >= REPETITIVE
     for candidate in candidates:
         if len(tried) == CONTENDERS:
             break
@@ -91,7 +94,7 @@ def _leads(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         if prior is not None and not prior.admits(T, b.size_px):
             continue
         leads.append((lead, T))
-        if lead.strength >= CLEAR and not a.periods:
+        if lead.strength >= CLEAR and not repetitive:
             break
     return leads
 

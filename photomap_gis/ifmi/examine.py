@@ -22,8 +22,9 @@ OBVIOUS = 30.0
 """Where tiles speak this clearly for a motion, they need not be asked for a bend of it."""
 LEAST_VARIANCE = 1e-10
 """A hundred-thousandth of the frame: no block is surer, not even of two copies of one picture."""
-NEARLY_ALL = 0.9
+NEARLY_ALL = 0.8
 BENDS = 2
+CLEARLY = 1.2
 FEWEST_BLOCKS = 12
 TILE_SIGMA_PX = 1.0
 
@@ -78,9 +79,10 @@ def follow_motion(a: Spectrum, b: Spectrum, H_a_b: FloatArray, snr: float) -> Le
         if lead.tiles is None or len(lead.tiles.near) < 4 or _is_obvious(lead.tiles):
             break
         bent = _bent(a, b, lead, frame)
-        if bent.strength <= lead.strength:
+        before = lead.strength
+        lead = max(lead, bent, key=lambda found: found.strength)
+        if bent.strength < CLEARLY * before:
             break
-        lead = bent
     return lead
 
 

@@ -22,7 +22,8 @@ from photomap_gis.ifmi.spectrum import Spectrum
 
 FURTHEST_MULTIPLE = 4
 LEAST_OVERLAP = 0.2
-LEAST_CORRELATION = 0.2
+RIVAL = 0.5
+"""A motion is worth following up when the frames agree under it at least this well, as a share of how they do here."""
 INDEPENDENT = 0.3
 """Two periods span a lattice when the sine of the angle between them is at least this."""
 
@@ -41,6 +42,7 @@ def repeated(
     """
     factor = a.floors[a.spectral].factor
     coarse = min(a.spectral + 1, len(a.floors) - 1)
+    here = agreement_under(a.floors[coarse], b.floors[coarse], H_a_b).correlation
     found: list[tuple[float, FloatArray]] = []
     for dx, dy in _lattice(a.periods, min(a.shape) / factor):
         shift = np.array([[1.0, 0.0, dx * factor], [0.0, 1.0, dy * factor], [0.0, 0.0, 1.0]])
@@ -50,10 +52,11 @@ def repeated(
             if math.hypot(*gap) > centre_within[1]:
                 continue
         seen = agreement_under(a.floors[coarse], b.floors[coarse], H)
-        if seen.overlap >= LEAST_OVERLAP and seen.correlation >= LEAST_CORRELATION:
+        if seen.overlap >= LEAST_OVERLAP and seen.correlation >= RIVAL * here:
             found.append((seen.correlation, H))
     found.sort(key=lambda f: -f[0])
-    return [H for _, H in found[:count]]
+    least = RIVAL * likeness(a, b, H_a_b).correlation
+    return [H for _, H in found[:count] if likeness(a, b, H).correlation >= least]
 
 
 def _lattice(periods: Sequence[Period], side_px: float) -> list[tuple[float, float]]:

@@ -74,7 +74,7 @@ def _instead(
 
 
 def error_share(T_a_b: npt.NDArray[np.float64], case: Case) -> float:
-    """Return the root mean square error of a motion over the frame's true overlap, as a share of its width."""
+    """Return the root mean square error of a motion, ``(3, 3)``, over the true overlap, as a share of the width."""
     assert case.H_previous_frame is not None
     h, w = case.frame.shape
     x, y = np.meshgrid(np.linspace(0, w - 1, 17), np.linspace(0, h - 1, 17))
@@ -82,5 +82,6 @@ def error_share(T_a_b: npt.NDArray[np.float64], case: Case) -> float:
     true = case.H_previous_frame @ p
     true = true[:2] / true[2]
     seen = (true[0] >= 0) & (true[0] < w) & (true[1] >= 0) & (true[1] < h)
-    d = (T_a_b @ p)[:2] - true
+    told = T_a_b @ p
+    d = told[:2] / told[2] - true
     return float(np.sqrt((d[:, seen] ** 2).sum(axis=0).mean())) / w if seen.any() else float("inf")

@@ -26,35 +26,36 @@ PANEL_FILL, PANEL_SHARE = 0.6, 0.06
 
 _THREE = np.ones((3, 3), np.uint8)
 _FIVE = np.ones((5, 5), np.uint8)
+_SEVEN = np.ones((7, 7), np.uint8)
 _WIDE = np.ones((3, 15), np.uint8)
 _LARGE = np.ones((9, 9), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Misfit:
-    """What of a frame cannot be used, ``(h, w)`` of its coarse picture, 1 where it is lost; and the fault, if any."""
+    """What of a frame cannot be used, ``(h, w)`` of its coarse picture, 1 where it is lost; and the fault, if any.
+
+    ``share`` of the frame does not fit; ``lost`` is that with a rim.
+    """
 
     lost: Mask8
+    share: float
     fault: Fault | None
-
-    @property
-    def share(self) -> float:
-        """Share of the frame that is lost."""
-        return float(np.count_nonzero(self.lost)) / self.lost.size
 
 
 def understand(fit: Fit, doubt: float = 0.0) -> Misfit:
     """Tell what does not fit in a comparison, and why; ``doubt`` (0..1) is how faulty the frame looks by itself."""
     places = cv2.morphologyEx(fit.misfit, cv2.MORPH_OPEN, _THREE)
     if not places.any():
-        return Misfit(places, None)
+        return Misfit(places, 0.0, None)
     stale, drawn = _still_places(fit)
     made = _made_by_machines(places & (1 - drawn))
     limit = (NAMED_SHARE if fit.overlap > WIDE_BASE else NAMED_SHARE_WIDE) * max(LEAST_LIMIT, 1.0 - doubt)
     fault = _fault(made, stale, places & (1 - drawn), fit, limit)
     # between two lost places of a fault nothing is to be trusted either, though nothing may show there
     whole = places if fault is None else cv2.morphologyEx(places, cv2.MORPH_CLOSE, _LARGE) & fit.seen
-    return Misfit(cv2.dilate(whole, _THREE), fault)
+    lost = cv2.dilate(whole, _THREE if fault is None else _SEVEN)
+    return Misfit(lost, float(np.count_nonzero(whole)) / whole.size, fault)
 
 
 def _fault(made: Mask8, stale: Mask8, loose: Mask8, fit: Fit, limit: float) -> Fault | None:

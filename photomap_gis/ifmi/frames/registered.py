@@ -20,11 +20,11 @@ from photomap_gis.ifmi.frames.misfit import understand
 from photomap_gis.ifmi.frames.verdict import GOOD, Fault, FrameVerdict, rejected
 
 LEAST_OVERLAP = 0.08
-LEAST_SURE = 0.7
+LEAST_SURE = 0.5
 """A torn frame that overlaps less may be registered by the band that moved."""
 MASKED_SHARE = 0.01
 """From this share of the frame on, what does not fit is masked."""
-MOST_LOST = 0.4
+MOST_LOST = 0.45
 """Share of what both frames saw above which it is not sure any more which part is right."""
 BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
 LEAST_AGREEMENT = 0.55
