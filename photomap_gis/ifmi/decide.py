@@ -29,6 +29,10 @@ REPETITIVE = 0.45
 EXPANDED = 2
 REPEATS_FOLLOWED = 4
 """So many motions, whole periods beside each of the best leads, are followed up."""
+ALWAYS_UNLIKE = 0.02
+"""So much of two frames' detail may be left unlike by interpolation alone: less than that decides nothing."""
+WHOLLY_PERIODIC = 0.97
+"""A frame so much like itself a period away has nothing in it that does not repeat."""
 SERIOUS = 0.5
 """On ground that repeats, leads at least so strong as a share of the strongest are judged by what does not repeat."""
 
@@ -69,7 +73,7 @@ def decide(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         solved=measured.solved,
         blocks=measured.blocks,
         contender=max((lead.strength for lead, _ in rivals), default=0.0) / max(best.strength, 1e-6),
-        repeats=_repeats(a, b, best, [lead for lead, _ in rivals]),
+        repeats=_repeats(a, b, best, [lead for lead, _ in rivals], prior),
         bend=measured.model_sigma_px / (max(b.shape) / 2.0),
     )
     alternatives = tuple(T for lead, T in rivals if lead.strength > ALTERNATIVE * best.strength)
@@ -122,14 +126,20 @@ def _unlike(a: Spectrum, b: Spectrum, lead: Lead) -> float:
     return 1.0 - max(likeness(a, b, homography_of(lead.G, b)).correlation, 0.0) ** 2
 
 
-def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead]) -> float:
+def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead], prior: Prior | None) -> float:
     """Return how unlike the motion leaves the frames as a share of the best rival on ground that repeats, else 0."""
     if not a.periods:
         return 0.0
+    f = a.floors[a.spectral].factor
+    shortest_px = min(np.hypot(p.dx_px, p.dy_px) * f for p in a.periods)
+    furthest_px = np.inf if prior is None else prior.centre_within(b.size_px)[1]
+    if max(p.likeness for p in a.periods) > WHOLLY_PERIODIC and shortest_px < 2.0 * furthest_px:
+        return 1.0
     serious = [r for r in rivals if r.strength >= SERIOUS * best.strength]
     if not serious:
         return 0.0
-    return _unlike(a, b, best) / max(min(_unlike(a, b, r) for r in serious), 1e-6)
+    there = min(_unlike(a, b, r) for r in serious)
+    return (_unlike(a, b, best) + ALWAYS_UNLIKE) / (there + ALWAYS_UNLIKE)
 
 
 def distance_px(T: Similarity2D, U: Similarity2D, b: Spectrum) -> float:

@@ -129,7 +129,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
             break
         G, attenuation = fit.G, fit.attenuation
     outliers = outlying(a.floors[0], b.floors[0], G)
-    coarsest = min(a.spectral + 1, len(a.floors) - 1) if outliers > USUAL_OUTLIERS else None
+    coarsest = a.spectral if outliers > USUAL_OUTLIERS else None
     motion = block_motion(a.floors, b.floors, G, coarsest=coarsest, attenuation=attenuation)
     field = _field_of(motion)
     blocks = int(motion.visible.sum())

@@ -19,7 +19,7 @@ BEND_PRIOR = 0.06
 GRID_POINTS = 24
 """Points of the grid along the longer side."""
 LEAST_SCATTER = 1e-4
-ROUNDS = 5
+ROUNDS = 4
 SIGNIFICANT = 1.5
 """Scatter counts from so many standard deviations of what noise alone would show."""
 

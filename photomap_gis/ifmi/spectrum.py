@@ -32,7 +32,8 @@ MEAN_RADIUS = 0.04
 GREY_FLOOR = 2.0
 """Local contrast below this many grey levels is not amplified: it is noise."""
 POINTS = 4200
-"""Points of a template; floors below the spectral one have fewer pixels than that to choose from."""
+FEW_POINTS = 1100
+"""Points of a template, and of those of floors below the spectral one: they only help to find it."""
 FAR = 1e4
 """What a floor's ``seen`` holds where nothing can be seen: no picture comes near it."""
 
@@ -166,7 +167,7 @@ def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None, wanted: int |
     if wanted is not None:
         spectral = min(range(len(kept)), key=lambda k: abs(math.log2(kept[k][0] / wanted)))
     light = _light(kept[spectral][1])
-    floors = []
+    floors: list[Floor] = []
     for factor, picture, weights in kept:
         m = None if weights is None else np.where(weights > 0.99, 255, 0).astype(np.uint8)
         values = _normalised(picture, light)
@@ -176,7 +177,8 @@ def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None, wanted: int |
             seen = np.where(m == 0, np.float32(FAR), values)
         size_px = grey.shape[1], grey.shape[0]
         sx, sy = slopes(values, m)
-        template = make_template(values, sx, sy, factor=factor, size_px=size_px, points=POINTS)
+        points = POINTS if len(floors) <= spectral else FEW_POINTS
+        template = make_template(values, sx, sy, factor=factor, size_px=size_px, points=points)
         floors.append(Floor(factor, values, m, seen, template))
     return tuple(floors), spectral
 

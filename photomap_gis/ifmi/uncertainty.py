@@ -16,14 +16,14 @@ import numpy as np
 
 from photomap_gis.core.similarity import FloatArray
 
-NOISE, NOISE_DECORRELATED = 2.4, 5.0
+NOISE, NOISE_DECORRELATED = 3.0, 2.0
 """Variances of blocks, which take residuals for independent and slopes for exact, grow so many times, and by the second
 number times what the block's correlation lacks to 1."""
 SCATTER = 4.0
-OUTLIER = 0.15
+OUTLIER = 0.22
 USUAL_OUTLIERS = 0.006
 BEND = 0.005
-LEAST_SIGMA_PX = 0.002
+LEAST_SIGMA_PX = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)

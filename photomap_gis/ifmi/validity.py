@@ -12,6 +12,9 @@ from dataclasses import dataclass
 ACCEPT = 0.8
 """The probability from which on a registration is accepted: beyond it, wrong ones are rarer than one in 5,000."""
 
+MOST_REPEATING, UNDECIDED = 0.4, 0.5
+"""From the first on a motion on repeating ground is one of several that fit: no more than the second is believed."""
+
 WEIGHTS = {
     "one": -1.48,
     "tiles_snr": 2.21,
@@ -71,4 +74,5 @@ def probability_of(e: Evidence) -> float:
     if e.tiles == 0:
         return 0.0
     score = sum(WEIGHTS[name] * value for name, value in e.features().items())
-    return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, score))))
+    probability = 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, score))))
+    return min(probability, UNDECIDED) if e.repeats > MOST_REPEATING else probability

@@ -40,6 +40,9 @@ LONGEST_STREAK = 5
 """So many frames in a row that do not fit one before them: not they have changed, the scene has."""
 TRY_PARTS_DOUBT = 0.3
 
+SPOILT_PHOTO = (Fault.TORN, Fault.STALE, Fault.BLOCKS)
+"""What a photo that is still of use in part may be masked for."""
+
 Mask = npt.NDArray[np.bool_]
 Working = tuple[ImageArray, Mask | None]
 
@@ -54,6 +57,7 @@ class Met:
     registration: Registration
     moved_px: float
     still: bool
+    video: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,13 +137,15 @@ def _meet(pair: tuple[int, int], images: WorkingImages, *, video: bool) -> Met |
         part = register_part(before, grey_b)
         shown = part or found
     verdict = judge_registered(look_b, look_a, shown, doubt=doubt)
+    if not video and not (verdict.ok and verdict.fault in SPOILT_PHOTO):
+        verdict = GOOD  # photos come from a card, not over a link: of a link's faults only the unmistakable is believed
     if verdict.ok and verdict.fault is not None and verdict.mask is not None:
         usable = verdict.mask if mask_b is None else verdict.mask & mask_b
         verdict = replace(verdict, mask=usable)
         found = register(before, make_spectrum(grey_b, mask=usable, index=b))
     moved = _moved_px(found)
     still = moved < 1.0 and mask_b is None and is_frozen(stillness(look_b, look_a), 2.0 * EXPECTED_PX)
-    return Met(a, b, verdict, found, moved, still)
+    return Met(a, b, verdict, found, moved, still, video)
 
 
 def _moved_px(r: Registration) -> float:
@@ -178,7 +184,7 @@ class _Chain:
             verdict = rejected(Fault.FROZEN)
         if verdict.ok and verdict.fault is None:
             self._keep(found)
-        elif a not in self._vouched and _agrees(following, b):
+        elif found.video and a not in self._vouched and _agrees(following, b):
             # nobody vouches for the first frame, and the one after agrees with the second: the first is the odd one
             self._mark(a, replace(verdict, ok=False))
         elif not verdict.ok and self._streaks[a] >= LONGEST_STREAK:

