@@ -54,7 +54,7 @@ def decide(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
     if not leads:
         return None
     leads.sort(key=lambda found: -found[0].strength)
-    if a.periods:
+    if _is_repetitive(a):
         leads = _beside_periods(a, b, leads, prior)
     best, T_best = leads[0]
     apart_px = APART * max(b.shape)
@@ -84,7 +84,7 @@ def _leads(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
     """Follow candidates up, until one is clear or enough have been tried."""
     leads: list[Placed] = []
     tried: list[Similarity2D] = []
-    repetitive = max((p.likeness for p in a.periods), default=0.0) >= REPETITIVE
+    repetitive = _is_repetitive(a)
     for candidate in candidates:
         if len(tried) == CONTENDERS:
             break
@@ -101,6 +101,10 @@ def _leads(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         if lead.strength >= CLEAR and not repetitive:
             break
     return leads
+
+
+def _is_repetitive(a: Spectrum) -> bool:
+    return max((p.likeness for p in a.periods), default=0.0) >= REPETITIVE
 
 
 def _beside_periods(a: Spectrum, b: Spectrum, leads: list[Placed], prior: Prior | None) -> list[Placed]:
@@ -128,7 +132,7 @@ def _unlike(a: Spectrum, b: Spectrum, lead: Lead) -> float:
 
 def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead], prior: Prior | None) -> float:
     """Return how unlike the motion leaves the frames as a share of the best rival on ground that repeats, else 0."""
-    if not a.periods:
+    if not _is_repetitive(a):
         return 0.0
     f = a.floors[a.spectral].factor
     shortest_px = min(np.hypot(p.dx_px, p.dy_px) * f for p in a.periods)
