@@ -92,7 +92,8 @@ def decode(packets: list[Packet], codec: Codec) -> dict[int, Grey]:
 
     for number, content in packets:
         if content:
-            packet = av.Packet(content)
+            packet = av.Packet(len(content))  # with the zeros behind it that decoders read into
+            packet.update(content)
             packet.pts = packet.dts = number
             take(packet)
     take(None)
