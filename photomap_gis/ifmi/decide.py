@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.ifmi.align import align
 from photomap_gis.ifmi.examine import Lead, Measured, follow, follow_motion, homography_of, measure, similarity_of
 from photomap_gis.ifmi.prior import Prior
 from photomap_gis.ifmi.repeats import likeness, repeated
@@ -29,10 +30,10 @@ REPETITIVE = 0.45
 EXPANDED = 2
 REPEATS_FOLLOWED = 4
 """So many motions, whole periods beside each of the best leads, are followed up."""
-ALWAYS_UNLIKE = 0.02
+ALWAYS_UNLIKE = 0.005
 """So much of two frames' detail may be left unlike by interpolation alone: less than that decides nothing."""
-WHOLLY_PERIODIC = 0.97
-"""A frame so much like itself a period away has nothing in it that does not repeat."""
+POLISH_STEPS = 10
+"""Thin lines are unlike as soon as they miss each other: before they are judged, motions are refined to the end."""
 SERIOUS = 0.5
 """On ground that repeats, leads at least so strong as a share of the strongest are judged by what does not repeat."""
 
@@ -73,7 +74,7 @@ def decide(a: Spectrum, b: Spectrum, candidates: Iterable[Candidate], prior: Pri
         solved=measured.solved,
         blocks=measured.blocks,
         contender=max((lead.strength for lead, _ in rivals), default=0.0) / max(best.strength, 1e-6),
-        repeats=_repeats(a, b, best, [lead for lead, _ in rivals], prior),
+        repeats=_repeats(a, b, best, [lead for lead, _ in rivals]),
         bend=measured.model_sigma_px / (max(b.shape) / 2.0),
     )
     alternatives = tuple(T for lead, T in rivals if lead.strength > ALTERNATIVE * best.strength)
@@ -126,19 +127,17 @@ def _beside_periods(a: Spectrum, b: Spectrum, leads: list[Placed], prior: Prior 
 
 
 def _unlike(a: Spectrum, b: Spectrum, lead: Lead) -> float:
-    """Return how much of both frames' detail is left unlike, 0..1."""
-    return 1.0 - max(likeness(a, b, homography_of(lead.G, b)).correlation, 0.0) ** 2
+    """Return how much of both frames' detail is left unlike, 0..1, by the motion or by what it is refined to."""
+    k = a.spectral
+    refined = align(a.floors[k], b.floors[k], lead.G, freedom=4, steps=POLISH_STEPS)
+    seen = max(likeness(a, b, homography_of(G, b)).correlation for G in (lead.G, refined.G))
+    return 1.0 - max(seen, 0.0) ** 2
 
 
-def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead], prior: Prior | None) -> float:
+def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead]) -> float:
     """Return how unlike the motion leaves the frames as a share of the best rival on ground that repeats, else 0."""
     if not _is_repetitive(a):
         return 0.0
-    f = a.floors[a.spectral].factor
-    shortest_px = min(np.hypot(p.dx_px, p.dy_px) * f for p in a.periods)
-    furthest_px = np.inf if prior is None else prior.centre_within(b.size_px)[1]
-    if max(p.likeness for p in a.periods) > WHOLLY_PERIODIC and shortest_px < 2.0 * furthest_px:
-        return 1.0
     serious = [r for r in rivals if r.strength >= SERIOUS * best.strength]
     if not serious:
         return 0.0

@@ -72,7 +72,7 @@ def follow_motion(a: Spectrum, b: Spectrum, H_a_b: FloatArray, snr: float) -> Le
     G = H_a_b @ frame.T_b_q.matrix
     k = a.spectral
     if k + 1 < len(a.floors):
-        coarse = align(a.floors[k + 1], b.floors[k + 1], G, freedom=4, steps=4, enough_px=0.1)
+        coarse = align(a.floors[k + 1], b.floors[k + 1], G, freedom=4, steps=3, enough_px=0.1)
         G = coarse.G if coarse.support > 0.0 else G
     lead = _asked(a, b, G, snr, frame)
     for _ in range(BENDS):
@@ -108,7 +108,7 @@ def _bent(a: Spectrum, b: Spectrum, lead: Lead, frame: Frame) -> Lead:
 def _asked(a: Spectrum, b: Spectrum, G: FloatArray, snr: float, frame: Frame) -> Lead:
     """Refine a motion on the spectral floor and ask the tiles."""
     k = a.spectral
-    fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=5, enough_px=0.03, stiffness=STIFFNESS)
+    fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=5, enough_px=0.05, stiffness=STIFFNESS)
     if fit.support == 0.0:
         return Lead(G, fit.correlation, 0.0, None, snr)
     H = fit.G @ frame.T_q_b.matrix
@@ -185,7 +185,8 @@ def _overlap(a: Spectrum, b: Spectrum, G: FloatArray, share: float, frame: Frame
 def similarity_of(G: FloatArray, b: Spectrum) -> Similarity2D:
     """Return the similarity closest to a motion over the whole of b."""
     frame = Frame(*b.size_px)
-    return fit_similarity(project(G, frame.grid()), frame.grid()) @ frame.T_q_b
+    q = frame.grid()[::5]
+    return fit_similarity(project(G, q), q) @ frame.T_q_b
 
 
 def homography_of(G: FloatArray, b: Spectrum) -> FloatArray:

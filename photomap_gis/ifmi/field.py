@@ -16,10 +16,10 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarit
 
 BEND_PRIOR = 0.06
 """One sigma of stretch and perspective before looking."""
-GRID_POINTS = 24
+GRID_POINTS = 20
 """Points of the grid along the longer side."""
 LEAST_SCATTER = 1e-4
-ROUNDS = 4
+ROUNDS = 3
 SIGNIFICANT = 1.5
 """Scatter counts from so many standard deviations of what noise alone would show."""
 

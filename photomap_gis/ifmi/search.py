@@ -133,7 +133,11 @@ def _near(a: Spectrum, b: Spectrum, prior: Prior) -> Iterator[Candidate]:
     T_prior = on_floor(prior.T_a_b, f)
     turns = []
     if prior.sigma_angle_rad > SURE_ANGLE_RAD or prior.sigma_log_scale > SURE_LOG_SCALE:
-        delta = pulse_of(a.log_polar_phases, b.log_polar_phases, gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS))
+        delta = pulse_of(
+            a.log_polar_phases,
+            b.log_polar_phases,
+            gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS),
+        )
         turns = turns_and_scales(delta, 2, prior)
     turns.append((prior.T_a_b.angle_rad, prior.T_a_b.log_scale))
     slack_px = GATE_SIGMAS * prior.sigma_xy_px / f

@@ -31,7 +31,7 @@ MEAN_RADIUS = 0.04
 """Half side of the neighbourhood of the local mean, as a share of a floor's longer side."""
 GREY_FLOOR = 2.0
 """Local contrast below this many grey levels is not amplified: it is noise."""
-POINTS = 4200
+POINTS = 2700
 FEW_POINTS = 1100
 """Points of a template, and of those of floors below the spectral one: they only help to find it."""
 FAR = 1e4

@@ -20,7 +20,7 @@ NOISE, NOISE_DECORRELATED = 3.0, 2.0
 """Variances of blocks, which take residuals for independent and slopes for exact, grow so many times, and by the second
 number times what the block's correlation lacks to 1."""
 SCATTER = 4.0
-OUTLIER = 0.22
+OUTLIER = 0.26
 USUAL_OUTLIERS = 0.006
 BEND = 0.005
 LEAST_SIGMA_PX = 0.001

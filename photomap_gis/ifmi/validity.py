@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-ACCEPT = 0.8
+ACCEPT = 0.6
 """The probability from which on a registration is accepted: beyond it, wrong ones are rarer than one in 5,000."""
 
-MOST_REPEATING, UNDECIDED = 0.4, 0.5
+MOST_REPEATING, UNDECIDED = 0.5, 0.5
 """From the first on a motion on repeating ground is one of several that fit: no more than the second is believed."""
 
 WEIGHTS = {

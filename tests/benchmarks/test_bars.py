@@ -24,7 +24,8 @@ def test_success_and_covariance(shared_data, cls, least):
     for pair, r in outcomes(cls, 100):
         if is_right(error_of(r.T_a_b, pair).rms_px, pair.size_px[0]):
             right += 1
-            held.append(mahalanobis2(xi_of(r.T_a_b, pair), r.covariance))
+            if r.accepted:
+                held.append(mahalanobis2(xi_of(r.T_a_b, pair), r.covariance))
     assert right >= least * 100
     assert 0.3 < np.mean(held) / 4.0 < 2.0
     assert np.mean(np.array(held) < 9.488) > 0.85
