@@ -161,15 +161,20 @@ def fit_similarity(
     a, b = np.asarray(points_a, dtype=np.float64), np.asarray(points_b, dtype=np.float64)
     if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or len(a) < 2:
         raise ValueError(f"points must be two (N, 2) arrays with N >= 2, got {a.shape} and {b.shape}")
-    w = np.ones(len(a)) if weights is None else np.asarray(weights, dtype=np.float64)
-    w = w / w.sum()
-    mean_a, mean_b = w @ a, w @ b
-    za, zb = (a - mean_a) @ (1, 1j), (b - mean_b) @ (1, 1j)
-    spread = float(np.sum(w * np.abs(zb) ** 2))
-    if spread <= 1e-18 * (1.0 + float(np.sum(w * np.abs(b[:, 0] + 1j * b[:, 1]) ** 2))):
+    w = np.full(len(a), 1.0 / len(a)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if weights is not None:
+        w = w / w.sum()
+    za, zb = (np.ascontiguousarray(p).view(np.complex128).ravel() for p in (a, b))
+    mean_a, mean_b = complex(w @ za), complex(w @ zb)
+    # Lengths are of the order of the points' own size: what is lost to rounding below it is no spread.
+    size2 = float(np.vdot(w * zb, zb).real)
+    zb = zb - mean_b
+    weighted = w * zb
+    spread = float(np.vdot(weighted, zb).real)
+    if spread <= 1e-18 * (1.0 + size2):
         raise ValueError("points of b coincide: a similarity cannot be fitted")
-    z = np.sum(w * za * np.conj(zb)) / spread
+    z = complex(np.vdot(weighted, za - mean_a)) / spread
     if abs(z) == 0:
         raise ValueError("points of a coincide: a similarity cannot be fitted")
-    t = complex(*mean_a) - z * complex(*mean_b)
+    t = mean_a - z * mean_b
     return Similarity2D(t.real, t.imag, math.atan2(z.imag, z.real), math.log(abs(z)))

@@ -19,7 +19,7 @@ from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.field import field_matrix
 from photomap_gis.ifmi.kernels import Image32, sample
 from photomap_gis.ifmi.spectrum import FAR, Floor
-from photomap_gis.ifmi.template import Template, derivative
+from photomap_gis.ifmi.template import Template, write_derivative
 
 CAUCHY = 2.0
 """Residuals beyond this many robust sigmas lose weight: shadows, cars, people, relief."""
@@ -62,65 +62,67 @@ def align(
 ) -> Alignment:
     """Refine ``G`` on a floor by its first ``freedom`` (4: similarity, 8: homography) parameters.
 
-    Steps shorter than ``enough_px`` of the floor at ``reach_px`` end it. ``stiffness`` holds parameters from the fifth
-    on: the share of the similarity's mean information that is added to theirs. ``near`` says that ``G`` is right to
+    It ends where less than ``enough_px`` of the floor at ``reach_px`` are left to go. ``stiffness`` holds parameters
+    from the fifth on: the share of the similarity's mean information that is added to theirs. ``near`` says that ``G`` is right to
     about a pixel already: then, and only then, the slopes of both frames tell how far a step has to go.
     """
     t = b.template
-    J = t.J[:freedom]
-    value = t.value.ravel()
-    textured = t.J[0] != 0
-    textured |= t.J[1] != 0
+    A = t.A[: 1 + freedom].reshape(1 + freedom, -1)
+    value, usable = A[0], t.usable.ravel()
     reach_px = max(b.shape) / 2.0
-    correlation, support = 0.0, 0.0
-    slopes_a, attenuation = None, 1.0
+    correlation, support, attenuation = 0.0, 0.0, 1.0
+    gain, slopes_a, before_px = 0.0, None, math.inf
     for _ in range(steps):
-        seen, valid = look_up(a, G, t.qx, t.qy)
-        seen, valid = seen.ravel(), valid.ravel()
-        valid &= textured
+        seen, valid = look_up(a, G, t.Q)
+        valid &= usable
         n = int(np.count_nonzero(valid))
         if n < FEWEST_POINTS:
             return Alignment(G, 0.0, 0.0, 1.0)
         weight = valid.astype(np.float32)
-        gain = float(weight * seen @ value) / max(float(weight * value @ value), 1e-9)
-        residual = seen - np.float32(max(gain, 0.05)) * value
-        weight /= np.float32(1.0) + np.square(residual * np.float32(1.0 / (CAUCHY * typical(residual, valid))))
-        weighted = weight * value
-        power_b, cross = float(weighted @ value), float(weighted @ seen)
-        power_a = float(weight * seen @ seen)
-        correlation, support = cross / math.sqrt(max(power_a * power_b, 1e-12)), n / len(value)
+        if gain == 0.0:
+            gain = max(float((weight * seen) @ value) / max(float((weight * value) @ value), 1e-9), 0.05)
+        residual = seen - np.float32(gain) * value
+        residual *= np.float32(1.0 / (CAUCHY * typical(residual, valid)))
+        residual *= residual
+        residual += np.float32(1.0)
+        weight /= residual
+        # All the sums of products in one matrix product: b's value and derivatives with themselves and with a's value.
+        W = A * weight
+        own, pull = (W @ A.T).astype(np.float64), (W @ seen).astype(np.float64)
+        power_b, cross, power_a = float(own[0, 0]), float(pull[0]), float((weight * seen) @ seen)
+        correlation, support = cross / math.sqrt(max(power_a * power_b, 1e-12)), n / value.size
         gain = cross / max(power_b, 1e-9)
         if gain <= LEAST_GAIN:
             return Alignment(G, correlation, 0.0, 1.0)
-        residual = seen - np.float32(gain) * value
-        WJ = J * weight
-        H = (WJ @ J.T).astype(np.float64)
-        curvature = H * gain
+        curvature = own[1:, 1:] * gain
         if near and correlation < CLEAN:
             if slopes_a is None:
                 slopes_a = _slopes_of_a(a, G, t, freedom)
-            curvature, attenuation = _curvature(WJ, slopes_a, curvature)
-        damped = curvature.copy()
-        damped.flat[:: freedom + 1] += _damping(curvature, freedom, stiffness)
-        step = np.asarray(-np.linalg.solve(damped, (WJ @ residual).astype(np.float64)), np.float64)
+            curvature, attenuation = _curvature(W[1:], slopes_a, curvature)
+        step = np.linalg.solve(_damped(curvature, stiffness), gain * own[1:, 0] - pull[1:])
         length_px = reach_px * math.sqrt(float(step @ step))
         if length_px > LONGEST_STEP_PX:
             step *= LONGEST_STEP_PX / length_px
         G = G @ field_matrix(step)
-        if length_px < enough_px:
+        # Steps shrink by a rate: what is left to go is the rest of the series.
+        rate = min(length_px / before_px, 0.9)
+        if length_px * max(rate / (1.0 - rate), 0.1) < enough_px:
             break
+        before_px = length_px
     return Alignment(G / G[2, 2], correlation, support, attenuation)
 
 
 def _slopes_of_a(a: Floor, G: FloatArray, t: Template, freedom: int) -> Image32:
     """``(freedom, N)`` derivative of a's values at b's points by the motion's parameters."""
-    x, y = _places(a, G, t.qx, t.qy)
+    x, y = _places(a, G, t.Q)
     half = np.float32(0.5)
-    sx = half * (sample(a.values, x + 1, y) - sample(a.values, x - 1, y))
-    sy = half * (sample(a.values, x, y + 1) - sample(a.values, x, y - 1))
+    sx = half * (sample(a.values, x + 1, y) - sample(a.values, x - 1, y)).ravel()
+    sy = half * (sample(a.values, x, y + 1) - sample(a.values, x, y - 1)).ravel()
     # The chain rule, with the motion's linear part in the frame's middle: a good curvature is enough.
     m = ((G[:2, :2] - np.outer(G[:2, 2], G[2, :2]) / G[2, 2]) / (G[2, 2] * a.factor)).astype(np.float32)
-    return derivative(t.qx, t.qy, m[0, 0] * sx + m[1, 0] * sy, m[0, 1] * sx + m[1, 1] * sy)[:freedom]
+    J = np.empty((8, sx.size), np.float32)
+    write_derivative(J, t.Q.reshape(3, -1), m[0, 0] * sx + m[1, 0] * sy, m[0, 1] * sx + m[1, 1] * sy)
+    return J[:freedom]
 
 
 def _curvature(WJ: Image32, J_a: Image32, alone: FloatArray) -> tuple[FloatArray, float]:
@@ -146,8 +148,8 @@ def outlying(a: Floor, b: Floor, G: FloatArray) -> float:
     Only points in company count: raised and moved things are patches, heavy tails of noise are not.
     """
     t = b.template
-    seen, valid = look_up(a, G, t.qx, t.qy)
-    valid &= (t.gx != 0) | (t.gy != 0)
+    seen, valid = (v.reshape(t.usable.shape) for v in look_up(a, G, t.Q))
+    valid &= t.usable
     n = int(np.count_nonzero(valid))
     if n < FEWEST_POINTS:
         return 1.0
@@ -160,11 +162,15 @@ def outlying(a: Floor, b: Floor, G: FloatArray) -> float:
     return float(in_block[in_block > COMPANY * np.count_nonzero(valid, axis=1)].sum()) / n
 
 
-def _damping(H: FloatArray, freedom: int, stiffness: float) -> FloatArray:
-    level = float(np.trace(H[:4, :4])) / 4.0
-    damping = np.full(freedom, 1e-6 * level)
+def _damped(curvature: FloatArray, stiffness: float) -> FloatArray:
+    """Return the curvature with a trace of damping, and with stiffness against the bend."""
+    damped = curvature.copy()
+    diagonal = damped.diagonal()
+    level = float(diagonal[:4].sum()) / 4.0
+    damping = np.full(len(diagonal), 1e-6 * level)
     damping[4:] += stiffness * level
-    return damping
+    damped.flat[:: len(diagonal) + 1] += damping
+    return damped
 
 
 def typical(residual: Image32, valid: npt.NDArray[np.bool_]) -> float:
@@ -177,23 +183,20 @@ def typical(residual: Image32, valid: npt.NDArray[np.bool_]) -> float:
     return 1.4826 * float(np.partition(some, middle)[middle]) + 1e-6
 
 
-def look_up(a: Floor, G: FloatArray, qx: Image32, qy: Image32) -> tuple[Image32, npt.NDArray[np.bool_]]:
-    """Return the values of a at ``G`` of b's field coordinates, and whether they can be seen there; else 0."""
-    x, y = _places(a, G, qx, qy)
-    seen = sample(a.seen, x, y, outside=FAR)
+def look_up(a: Floor, G: FloatArray, Q: Image32) -> tuple[Image32, npt.NDArray[np.bool_]]:
+    """``(N,)`` values of a at ``G`` of b's ``Q`` (``(3, ...)``), and whether they can be seen there; else 0."""
+    x, y = _places(a, G, Q)
+    seen = sample(a.seen, x, y, outside=FAR).ravel()
     valid = seen < np.float32(30.0)
     seen *= valid
     return seen, valid
 
 
-def _places(a: Floor, G: FloatArray, qx: Image32, qy: Image32) -> tuple[Image32, Image32]:
-    """Return where b's field coordinates lie on a floor of a, in its pixels."""
+def _places(a: Floor, G: FloatArray, Q: Image32) -> tuple[Image32, Image32]:
+    """``(1, N)`` each: where b's field coordinates lie on a floor of a, in its pixels."""
     g = G.astype(np.float32)
     g[:2] /= np.float32(a.factor)
-    x = g[0, 0] * qx + g[0, 1] * qy + g[0, 2]
-    y = g[1, 0] * qx + g[1, 1] * qy + g[1, 2]
+    P = g @ Q.reshape(3, -1)
     if g[2, 0] != 0.0 or g[2, 1] != 0.0:
-        depth = g[2, 0] * qx + g[2, 1] * qy + g[2, 2]
-        x /= depth
-        y /= depth
-    return x, y
+        P[:2] /= P[2]
+    return P[0:1], P[1:2]

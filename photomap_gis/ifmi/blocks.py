@@ -87,41 +87,49 @@ def _on_floor(
     t = b.template.of_blocks(blocks)
     px = 2.0 / max(b.shape)  # a pixel of the floor in field coordinates
     d = start
-    textured = (t.gx != 0) | (t.gy != 0)
+    Q = t.Q.copy()
+    value, gx, gy = t.value, t.gx, t.gy
     for _ in range(steps):
         moved = d.astype(np.float32)
-        seen, valid = look_up(a, G, t.qx + moved[:, :1], t.qy + moved[:, 1:])
-        valid &= textured
+        Q[0], Q[1] = t.Q[0] + moved[:, :1], t.Q[1] + moved[:, 1:]
+        seen, valid = (v.reshape(t.usable.shape) for v in look_up(a, G, Q))
+        valid &= t.usable
         weight = valid.astype(np.float32)
-        gain = np.clip(_sums(weight * seen, t.value) / np.maximum(_sums(weight * t.value, t.value), 1e-9), 0.05, 3.0)
-        residual = seen - gain[:, None].astype(np.float32) * t.value
+        usual = weight * value
+        gain = _sums(usual, seen) / np.maximum(_sums(usual, value), 1e-9)
+        np.minimum(np.maximum(gain, 0.05, out=gain), 3.0, out=gain)
+        residual = seen - gain[:, None].astype(np.float32) * value
         weight /= np.float32(1.0) + np.square(residual * np.float32(1.0 / (CAUCHY * typical(residual, valid))))
-        wx, wy = weight * t.gx, weight * t.gy
-        hxx, hxy, hyy = _sums(wx, t.gx), _sums(wx, t.gy), _sums(wy, t.gy)
+        wx, wy = weight * gx, weight * gy
+        hxx, hxy, hyy = _sums(wx, gx), _sums(wx, gy), _sums(wy, gy)
         bx, by = _sums(wx, residual), _sums(wy, residual)
         ridge = 1e-3 * (hxx + hyy) + 1e-6
-        hxx, hyy = hxx + ridge, hyy + ridge
-        determinant = np.maximum(hxx * hyy - hxy**2, 1e-12)
-        step = (
-            -np.stack([hyy * bx - hxy * by, hxx * by - hxy * bx], axis=1) / (determinant * gain * attenuation)[:, None]
-        )
-        step *= np.minimum(1.0, LONGEST_STEP_PX * px / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
+        hxx += ridge
+        hyy += ridge
+        determinant = np.maximum(hxx * hyy - hxy * hxy, 1e-12)
+        pull = -1.0 / (determinant * gain * attenuation)
+        sx, sy = pull * (hyy * bx - hxy * by), pull * (hxx * by - hxy * bx)
+        shorter = np.minimum(1.0, LONGEST_STEP_PX * px / np.maximum(np.hypot(sx, sy), 1e-9))
+        step = np.stack([sx * shorter, sy * shorter], axis=1)
         d = d + step
-        lost = np.hypot(*(d - start).T) > FURTHEST_PX * px
+        gone = d - start
+        lost = gone[:, 0] ** 2 + gone[:, 1] ** 2 > (FURTHEST_PX * px) ** 2
         d = np.where(lost[:, None], start, d)
     # The residual was seen before the last step: what the step explains is taken out of it.
     total = np.maximum(weight.sum(axis=1, dtype=np.float64), 1.0)
-    left = residual + (gain[:, None] * (t.gx * step[:, :1] + t.gy * step[:, 1:])).astype(np.float32)
+    moved = (gain[:, None] * step).astype(np.float32)
+    left = residual + gx * moved[:, :1] + gy * moved[:, 1:]
     sigma2 = _sums(weight * left, left) / total
-    model = gain[:, None].astype(np.float32) * t.value
-    power_b = _sums(weight * model, model) / total
+    power_b = gain * gain * _sums(weight * value, value) / total
     correlation = np.sqrt(power_b / np.maximum(power_b + sigma2, 1e-12))
-    variance = 0.5 * sigma2 * (hxx + hyy) / ((gain * attenuation) ** 2 * determinant)
-    largest = sigma2 / ((gain * attenuation) ** 2 * np.maximum(_smaller_eigenvalue(hxx, hxy, hyy), 1e-9))
-    visible = np.count_nonzero(valid, axis=1) >= 0.5 * t.qx.shape[1]
+    strength = (gain * attenuation) ** 2
+    variance = 0.5 * sigma2 * (hxx + hyy) / (strength * determinant)
+    largest = sigma2 / (strength * np.maximum(_smaller_eigenvalue(hxx, hxy, hyy), 1e-9))
+    visible = valid.sum(axis=1) >= 0.5 * t.usable.shape[1]
     # A block's motion is that of where its contrast is, not of its middle.
-    say = weight * (t.gx * t.gx + t.gy * t.gy) + np.float32(1e-9)
-    centre = np.stack([_sums(say, t.qx), _sums(say, t.qy)], axis=1) / say.sum(axis=1, dtype=np.float64)[:, None]
+    say = weight * (gx * gx + gy * gy)
+    say += np.float32(1e-9)
+    centre = np.stack([_sums(say, t.Q[0]), _sums(say, t.Q[1])], axis=1) / say.sum(axis=1, dtype=np.float64)[:, None]
     sure = largest < (LEAST_SURE_PX * px) ** 2
     solved = visible & ~lost & (gain > 0.05) & (correlation > LEAST_CORRELATION) & sure
     return BlockMotion(centre, d, variance, correlation, solved, visible)

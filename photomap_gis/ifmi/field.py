@@ -16,6 +16,8 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarit
 
 BEND_PRIOR = 0.06
 """One sigma of stretch and perspective before looking."""
+PRIOR_DIAGONAL = np.array([1e-6] * 4 + [1.0 / BEND_PRIOR**2] * 4)
+PRIOR = np.diag(PRIOR_DIAGONAL)
 GRID_POINTS = 20
 """Points of the grid along the longer side."""
 LEAST_SCATTER = 1e-4
@@ -110,16 +112,16 @@ def project(H: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def basis(q: FloatArray) -> FloatArray:
-    """``(N, 2, 8)`` derivative of the displacement at ``(N, 2)`` field coordinates by theta at 0."""
+    """``(8, 2, N)`` derivative by theta at 0 of the displacement (x, y) at ``(N, 2)`` field coordinates."""
     x, y = q.T
-    B = np.zeros((len(q), 2, 8))
-    B[:, 0, 0] = B[:, 1, 1] = 1.0
-    B[:, 0, 2], B[:, 1, 2] = -y, x
-    B[:, 0, 3], B[:, 1, 3] = x, y
-    B[:, 0, 4], B[:, 1, 4] = x, -y
-    B[:, 0, 5], B[:, 1, 5] = y, x
-    B[:, 0, 6], B[:, 1, 6] = x * x, x * y
-    B[:, 0, 7], B[:, 1, 7] = x * y, y * y
+    B = np.zeros((8, 2, len(q)))
+    B[0, 0] = B[1, 1] = 1.0
+    B[2, 0], B[2, 1] = -y, x
+    B[3, 0], B[3, 1] = x, y
+    B[4, 0], B[4, 1] = x, -y
+    B[5, 0], B[5, 1] = y, x
+    np.multiply(B[3], x, out=B[6])
+    np.multiply(B[3], y, out=B[7])
     return B
 
 
@@ -128,12 +130,13 @@ def fit_field(q: FloatArray, shifts: FloatArray, noise2: FloatArray, *, start: f
 
     With ``start`` the fit begins with so wide a robust scale and narrows it: for shifts of which many may be nonsense.
     """
-    B = basis(q).reshape(-1, 8)
-    prior = np.diag([1e-6] * 4 + [1.0 / BEND_PRIOR**2] * 4)
+    B3 = basis(q)
+    B = B3.reshape(8, -1)
     freedom = max(0.3, 1.0 - 8.0 / (2.0 * len(q)))
-    noise = float(np.median(noise2))
-    theta, left = np.zeros(8), shifts
-    left2 = 0.5 * np.sum(left * left, axis=1)
+    noise = float(noise2.mean())
+    theta = np.zeros(8)
+    left = shifts.T
+    left2 = _half_squared(left)
     scatter2, gate2 = LEAST_SCATTER * noise, None if start is None else start**2
     for _ in range(ROUNDS if start is None else ROUNDS + 3):
         if gate2 is not None:
@@ -142,23 +145,29 @@ def fit_field(q: FloatArray, shifts: FloatArray, noise2: FloatArray, *, start: f
             gate2 = gate2 / 3.0 if gate2 > noise else None
         else:
             scatter2 = _scatter2(left2 / freedom, noise2)
-            weight = 1.0 / ((noise2 + scatter2) * (1.0 + left2 / (6.0 * (scatter2 + noise2))))
-        BW = B.T * np.repeat(weight, 2)
-        theta = theta + np.linalg.solve(BW @ B + prior, BW @ left.ravel() - prior @ theta)
-        left = shifts - (project(field_matrix(theta), q) - q)
-        left2 = 0.5 * np.sum(left * left, axis=1)
+            total2 = noise2 + scatter2
+            weight = 1.0 / (total2 + left2 / 6.0)
+        BW = (B3 * weight).reshape(8, -1)
+        theta = theta + np.linalg.solve(BW @ B.T + PRIOR, BW @ left.ravel() - PRIOR_DIAGONAL * theta)
+        left = shifts.T - (project(field_matrix(theta), q) - q).T
+        left2 = _half_squared(left)
     # Whatever else moves the blocks, the weights used are these: their sandwich carries both kinds of error.
-    bread = np.linalg.inv((B.T * np.repeat(weight, 2)) @ B + prior)
-    noise_filling = (B.T * np.repeat(weight**2 * noise2, 2)) @ B
-    unit_filling = (B.T * np.repeat(weight**2, 2)) @ B
+    bread = np.linalg.inv(BW @ B.T + PRIOR)
+    unit_filling = BW @ BW.T
+    noise_filling = (BW.reshape(8, 2, -1) * noise2).reshape(8, -1) @ BW.T
     return Field(theta, bread @ noise_filling @ bread, bread @ unit_filling @ bread, scatter2, left2)
+
+
+def _half_squared(left: FloatArray) -> FloatArray:
+    """``(K,)`` half the squared length of ``(2, K)`` vectors: their square per axis."""
+    return np.asarray(0.5 * (left[0] * left[0] + left[1] * left[1]), np.float64)
 
 
 def _scatter2(left2: FloatArray, noise2: FloatArray) -> float:
     """Return how much more ``(K,)`` squared residuals (per axis) are than their variances, where it is significant."""
     chance = 1.0 + SIGNIFICANT / math.sqrt(len(left2))
-    noise = float(np.mean(noise2))
-    return max(float(np.mean(left2)) - chance * noise, LEAST_SCATTER * noise)
+    noise = float(noise2.mean())
+    return max(float(left2.mean()) - chance * noise, LEAST_SCATTER * noise)
 
 
 def visible(frame: Frame, G: FloatArray, size_a_px: tuple[int, int]) -> FloatArray:
@@ -176,18 +185,25 @@ def closest_similarity(frame: Frame, G: FloatArray, covariance: FloatArray, weig
 
     ``covariance`` ``(8, 8)`` is of the field's parameters; ``weight`` ``(N,)``.
     """
-    use = weight > 0.0
-    q, w = frame.grid()[use], weight[use] / weight.sum()
+    q, w = frame.grid(), weight / weight.sum()
     moved = project(G, q)
     T_a_q = fit_similarity(moved, q, w)
-    flat = basis(q).reshape(-1, 8)
-    weighted = flat[:, :4].T * np.repeat(w, 2)
-    share = np.linalg.solve(weighted @ flat[:, :4], weighted @ flat[:, 4:])
-    bend = flat[:, 4:] - flat[:, :4] @ share
-    bend2 = 0.5 * float(w @ np.sum((T_a_q.apply(q) - moved) ** 2, axis=1))
+    flat, r = _grid_basis(frame.width_px, frame.height_px), frame.reach_px
+    N = (flat.reshape(8, 2, -1) * w).reshape(8, -1) @ flat.T
+    share = np.linalg.solve(N[:4, :4], N[:4, 4:])
+    off = T_a_q.apply(q) - moved
+    bend2 = 0.5 * float(w @ (off * off).sum(axis=1)) / T_a_q.scale**2
     # The bend's own error is no bend.
-    own = (bend @ covariance[4:, 4:] * bend).sum(axis=1).reshape(-1, 2).sum(axis=1)
-    bend2 = bend2 / T_a_q.scale**2 - 0.5 * float(w @ own)
-    r = frame.reach_px
-    M = np.diag([r, r, 1.0, 1.0]) @ np.hstack([np.eye(4), share])
+    bend2 -= 0.5 * float((covariance[4:, 4:] * (N[4:, 4:] - N[4:, :4] @ share)).sum())
+    M = np.zeros((4, 8))
+    M[:, :4], M[:, 4:] = np.eye(4), share
+    M[:2] *= r
     return Closest(T_a_q @ frame.T_q_b, M, max(bend2, 0.0) * r**2)
+
+
+@lru_cache(maxsize=16)
+def _grid_basis(width_px: int, height_px: int) -> FloatArray:
+    """``(8, 2 N)`` basis at the points of a frame's grid."""
+    flat = basis(_grid(width_px, height_px)).reshape(8, -1)
+    flat.setflags(write=False)
+    return flat

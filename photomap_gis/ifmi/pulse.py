@@ -31,23 +31,22 @@ def find_peaks(
     h, w = delta.shape
     mean, deviation = (float(v[0, 0]) for v in cv2.meanStdDev(delta))
     work = delta.copy() if allowed is None else np.where(allowed, delta, np.float32(-np.inf))
-    peaks = []
-    for _ in range(count):
-        flat = int(np.argmax(work))
-        r, c = divmod(flat, w)
+    peaks: list[Peak] = []
+    while len(peaks) < count:
+        r, c = divmod(int(np.argmax(work)), w)
         if not np.isfinite(work[r, c]):
             break
-        rows, columns = np.arange(r - 1, r + 2) % h, np.arange(c - 1, c + 2) % w
-        dr, dc = _vertex(delta[rows, c]), _vertex(delta[r, columns])
         height = float(delta[r, c])
+        dr = _vertex(float(delta[r - 1, c]), height, float(delta[(r + 1) % h, c]))
+        dc = _vertex(float(delta[r, c - 1]), height, float(delta[r, (c + 1) % w]))
         peaks.append(Peak(r + dr, c + dc, height, (height - mean) / max(deviation, 1e-12)))
-        rr, cc = np.arange(r - radius, r + radius + 1) % h, np.arange(c - radius, c + radius + 1) % w
-        work[np.ix_(rr, cc)] = -np.inf
+        if len(peaks) < count:
+            rows, columns = np.arange(r - radius, r + radius + 1) % h, np.arange(c - radius, c + radius + 1) % w
+            work[rows[:, None], columns] = -np.inf
     return peaks
 
 
-def _vertex(three: Image32) -> float:
+def _vertex(a: float, b: float, c: float) -> float:
     """Return where the parabola through three values has its top, within ±0.5 of the middle."""
-    a, b, c = (float(v) for v in three)
     curvature = a - 2.0 * b + c
     return 0.0 if curvature >= 0.0 else max(-0.5, min(0.5, 0.5 * (a - c) / curvature))

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D, wrap_angle
-from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, warp_similarity
+from photomap_gis.ifmi.kernels import Image32, Spectrum64, fft_size, forward_fft, warp_similarity
 from photomap_gis.ifmi.logpolar import ANGLE_STEP_RAD, ANGLES, LOG_RADIUS_STEP, RADII
 from photomap_gis.ifmi.overlap import agreement, on_floor
 from photomap_gis.ifmi.pomf import gaussian_low_pass, pulse_of, whiten
@@ -127,25 +127,28 @@ def _unwrapped(a: Spectrum, b: Spectrum, T0: Similarity2D, column: float, row: f
 
 
 def _near(a: Spectrum, b: Spectrum, prior: Prior) -> Iterator[Candidate]:
-    """Yield what the prior admits, the likeliest turn first."""
-    floor_a, floor_b = a.floors[a.spectral], b.floors[b.spectral]
-    f = floor_a.factor
-    T_prior = on_floor(prior.T_a_b, f)
+    """Yield what the prior admits: first what a coarse floor sees of it, then the likeliest turns."""
+    k = a.spectral
+    as_expected = (prior.T_a_b.angle_rad, prior.T_a_b.log_scale)
+    if k + 1 < len(a.floors):
+        yield from _shifts(a.floors[k + 1], b.floors[k + 1], [as_expected], prior, peaks=1)
     turns = []
     if prior.sigma_angle_rad > SURE_ANGLE_RAD or prior.sigma_log_scale > SURE_LOG_SCALE:
-        delta = pulse_of(
-            a.log_polar_phases,
-            b.log_polar_phases,
-            gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS),
-        )
+        delta = pulse_of(a.log_polar_phases, b.log_polar_phases, gaussian_low_pass((ANGLES, RADII), ROTATION_LOW_PASS))
         turns = turns_and_scales(delta, 2, prior)
-    turns.append((prior.T_a_b.angle_rad, prior.T_a_b.log_scale))
+    yield from _shifts(a.floors[k], b.floors[k], [*turns, as_expected], prior, peaks=PEAKS)
+
+
+def _shifts(a: Floor, b: Floor, turns: list[tuple[float, float]], prior: Prior, *, peaks: int) -> Iterator[Candidate]:
+    """Yield the best shifts that the prior admits at every turn (modulo pi) and scale, seen on one floor."""
+    f = a.factor
+    T_prior = on_floor(prior.T_a_b, f)
     slack_px = GATE_SIGMAS * prior.sigma_xy_px / f
-    window, middle_a = _overlap_window(floor_a, floor_b, T_prior, slack_px)
+    window, middle_a = _overlap_window(a, b, T_prior, slack_px)
     middle_b = T_prior.inverse().apply(middle_a)
-    canvas = _canvas(a.phases)
+    canvas = (fft_size(a.shape[0]), fft_size(a.shape[1]))
     low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
-    P_A = whiten(forward_fft(on_canvas(floor_a.values * window, canvas)))
+    P_A = whiten(forward_fft(on_canvas(a.values * window, canvas)))
     admitted = _around_zero(canvas, round(slack_px + 2.0))
     for angle_rad, log_scale in turns:
         if math.cos(angle_rad - prior.T_a_b.angle_rad) < 0.0:
@@ -153,10 +156,10 @@ def _near(a: Spectrum, b: Spectrum, prior: Prior) -> Iterator[Candidate]:
         turn = Similarity2D(0.0, 0.0, wrap_angle(angle_rad), log_scale)
         t = middle_a - turn.apply(middle_b)
         T0 = Similarity2D(float(t[0]), float(t[1]), turn.angle_rad, log_scale)
-        B = warp_similarity(floor_b.values, T0, floor_a.shape)
+        B = warp_similarity(b.values, T0, a.shape)
         B *= window
         delta = pulse_of(P_A, whiten(forward_fft(on_canvas(B, canvas))), low_pass)
-        for p in find_peaks(delta, PEAKS, allowed=admitted):
+        for p in find_peaks(delta, peaks, allowed=admitted):
             dx = p.column if p.column <= canvas[1] / 2 else p.column - canvas[1]
             dy = p.row if p.row <= canvas[0] / 2 else p.row - canvas[0]
             yield Candidate(Similarity2D((T0.tx + dx) * f, (T0.ty + dy) * f, T0.angle_rad, log_scale), p.snr)

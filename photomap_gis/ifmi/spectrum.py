@@ -1,5 +1,7 @@
 """All that is computed once a frame and reused for every pair: pyramid, spectrum, log-polar spectrum.
 
+The log-polar spectrum is made when it is first asked for: a frame that is only ever tracked never needs it.
+
 The *spectral* floor of the pyramid (longer side at most 320 pixels) feeds the matched filters, the floors from it
 upwards feed the refinement, one below it the test of overlaps.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -59,13 +62,12 @@ class Floor:
         return self.values.shape[0], self.values.shape[1]
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, eq=False)
 class Spectrum:
     """A frame, ready to be registered to any other.
 
-    ``floors`` lie finest first. ``spectral`` indexes the floor of the whitened half spectrum ``phases``;
-    ``log_polar_phases`` is the whitened spectrum of its log-polar picture; ``periods`` are the shifts by which the
-    frame looks like itself.
+    ``floors`` lie finest first. ``spectral`` indexes the floor of the whitened half spectrum ``phases``; ``periods``
+    are the shifts by which the frame looks like itself.
     """
 
     index: int
@@ -75,8 +77,15 @@ class Spectrum:
     floors: tuple[Floor, ...]
     spectral: int
     phases: Spectrum64
-    log_polar_phases: Spectrum64
     periods: tuple[Period, ...]
+
+    @cached_property
+    def log_polar_phases(self) -> Spectrum64:
+        """The partly whitened half spectrum of the log-polar picture of the spectral floor's spectrum."""
+        floor = self.floors[self.spectral]
+        return log_polar_spectrum(
+            forward_fft(windowed(floor.values, floor.mask, ROTATION_TAPER, padding=ROTATION_PADDING))
+        )
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -100,7 +109,6 @@ def make_spectrum(
     floors, spectral = _pyramid(grey_u8, mask, factor)
     floor = floors[spectral]
     F = forward_fft(windowed(floor.values, floor.mask, SHIFT_TAPER))
-    S = forward_fft(windowed(floor.values, floor.mask, ROTATION_TAPER, padding=ROTATION_PADDING))
     return Spectrum(
         index,
         grey_u8.shape,
@@ -109,7 +117,6 @@ def make_spectrum(
         floors,
         spectral,
         whiten(F),
-        log_polar_spectrum(S),
         find_periods(F, floor.shape),
     )
 

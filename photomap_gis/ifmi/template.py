@@ -24,46 +24,71 @@ BLOCKS = GRID * GRID
 class Template:
     """The pixel of the steepest slope in every cell of a regular grid: detail, evenly spread over the frame.
 
-    All arrays are ``(BLOCKS, n)``, the points block by block of a ``GRID`` by ``GRID`` division of the frame: place
-    ``qx``, ``qy`` (field coordinates), the floor's ``value`` there, its slopes ``gx``, ``gy`` by qx and qy (both 0
-    where the frame must not be used). ``J`` ``(8, BLOCKS * n)`` is the derivative of the value by the field's
-    parameters.
+    The points lie block by block of a ``GRID`` by ``GRID`` division of the frame. ``Q`` ``(3, BLOCKS, n)`` holds their
+    places, homogeneous field coordinates; ``A`` ``(9, BLOCKS, n)`` the floor's values there and their derivatives by
+    the field's parameters, of which the first two are the slopes by qx and qy; ``usable`` ``(BLOCKS, n)`` where the
+    frame may be used and has a slope at all.
     """
 
-    qx: Image32
-    qy: Image32
-    value: Image32
-    gx: Image32
-    gy: Image32
-    J: Image32
+    Q: Image32
+    A: Image32
+    usable: npt.NDArray[np.bool_]
+
+    @property
+    def value(self) -> Image32:
+        """``(BLOCKS, n)`` the floor's values."""
+        return self.A[0]
+
+    @property
+    def gx(self) -> Image32:
+        """``(BLOCKS, n)`` slopes by qx, 0 where the frame must not be used."""
+        return self.A[1]
+
+    @property
+    def gy(self) -> Image32:
+        """``(BLOCKS, n)`` slopes by qy."""
+        return self.A[2]
 
     def of_blocks(self, blocks: npt.NDArray[np.intp]) -> Template:
         """Return the template of some blocks only."""
         if len(blocks) == BLOCKS:
             return self
-        J = self.J.reshape(8, BLOCKS, -1)[:, blocks].reshape(8, -1)
-        return Template(self.qx[blocks], self.qy[blocks], self.value[blocks], self.gx[blocks], self.gy[blocks], J)
+        return Template(self.Q[:, blocks], self.A[:, blocks], self.usable[blocks])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """How a floor is cut: ``cell`` pixels a side, ``rows`` by ``columns`` of them, from (``top``, ``left``)."""
+    """How a floor is cut: ``cell`` pixels a side, ``rows`` by ``columns`` of them, from (``top``, ``left``).
+
+    ``places`` ``(rows * cell, columns * cell)`` is every pixel's number in its cell; in the flat picture ``corner``
+    ``(rows, columns)`` is each cell's first pixel, and ``offset`` ``(cell * cell,)`` how far every other lies behind it.
+    """
 
     cell: int
     rows: int
     columns: int
     top: int
     left: int
+    places: npt.NDArray[np.int32]
+    corner: npt.NDArray[np.intp]
+    offset: npt.NDArray[np.intp]
 
 
 @lru_cache(maxsize=32)
 def _cells_of(shape: tuple[int, int], points: int) -> _Cells:
     h, w = shape
-    cell = max(1, math.ceil(math.sqrt(h * w / points)))
-    rows, columns = (max(1, (side - 4) // cell // GRID) * GRID for side in (h, w))
-    if min(h - rows * cell, w - columns * cell) < 0:
+    n = max(1, math.ceil(math.sqrt(h * w / points)))
+    rows, columns = (max(1, (side - 4) // n // GRID) * GRID for side in (h, w))
+    if min(h - rows * n, w - columns * n) < 0:
         raise ValueError(f"a floor of {shape} is too small for {GRID} by {GRID} blocks")
-    return _Cells(cell, rows, columns, (h - rows * cell) // 2, (w - columns * cell) // 2)
+    top, left = (h - rows * n) // 2, (w - columns * n) // 2
+    number = np.arange(n * n)
+    places = np.tile(number.astype(np.int32).reshape(n, n), (rows, columns))
+    corner = (top + n * np.arange(rows))[:, None] * w + left + n * np.arange(columns)[None, :]
+    offset = number // n * w + number % n
+    for made in (places, corner, offset):
+        made.setflags(write=False)
+    return _Cells(n, rows, columns, top, left, places, corner, offset)
 
 
 def slopes(values: Image32, mask: Mask8 | None) -> tuple[Image32, Image32]:
@@ -84,54 +109,55 @@ def make_template(
 ) -> Template:
     """Return the template, of at most about ``points``, of a floor of a frame of ``size_px`` (width, height)."""
     c = _cells_of(values.shape, points)
+    flat = _steepest(slope_x * slope_x + slope_y * slope_y, c)
+    Q = np.ones((3, *flat.shape), np.float32)
+    np.take(_field_coordinates(values.shape, factor, size_px), flat, axis=1, out=Q[:2])
+    unit = np.float32(max(size_px) / (2.0 * factor))
+    A = np.empty((9, *flat.shape), np.float32)
+    values.take(flat, out=A[0])
+    gx, gy = slope_x.take(flat) * unit, slope_y.take(flat) * unit
+    write_derivative(A[1:], Q, gx, gy)
+    return Template(Q, A, (gx != 0) | (gy != 0))
+
+
+@lru_cache(maxsize=16)
+def _field_coordinates(shape: tuple[int, int], factor: int, size_px: tuple[int, int]) -> Image32:
+    """``(2, h * w)`` field coordinates of every pixel of a floor of a frame of ``size_px`` (width, height)."""
     reach = max(size_px) / 2.0
-    y, x = _steepest(slope_x * slope_x + slope_y * slope_y, c)
-    flat = y * values.shape[1] + x
-    qx = ((x * factor - (size_px[0] - 1) / 2.0) / reach).astype(np.float32)
-    qy = ((y * factor - (size_px[1] - 1) / 2.0) / reach).astype(np.float32)
-    unit = np.float32(reach / factor)
-    gx, gy = slope_x.ravel()[flat] * unit, slope_y.ravel()[flat] * unit
-    return Template(qx, qy, values.ravel()[flat], gx, gy, derivative(qx, qy, gx, gy))
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    table = np.stack([(v * factor - (side - 1) / 2.0) / reach for v, side in ((x, size_px[0]), (y, size_px[1]))])
+    flat: Image32 = table.reshape(2, -1).astype(np.float32)
+    flat.setflags(write=False)
+    return flat
 
 
-def derivative(qx: Image32, qy: Image32, gx: Image32, gy: Image32) -> Image32:
-    """``(8, N)`` derivative by the field's parameters of values with slopes ``gx``, ``gy`` at field coordinates."""
-    J = np.empty((8, *qx.shape), np.float32)
-    radial, turning = gx * qx + gy * qy, gy * qx - gx * qy
-    J[0], J[1], J[2], J[3] = gx, gy, turning, radial
-    J[4], J[5] = gx * qx - gy * qy, gx * qy + gy * qx
-    J[6], J[7] = radial * qx, radial * qy
-    return J.reshape(8, -1)
+def write_derivative(J: Image32, Q: Image32, gx: Image32, gy: Image32) -> None:
+    """Fill ``(8, ...)`` J: the derivative by the field's parameters of values with slopes ``gx``, ``gy`` at ``Q``."""
+    qx, qy = Q[0], Q[1]
+    J[0], J[1] = gx, gy
+    xx, yx, xy, yy = gx * qx, gy * qx, gx * qy, gy * qy
+    radial = xx + yy
+    np.subtract(yx, xy, out=J[2])
+    J[3] = radial
+    np.subtract(xx, yy, out=J[4])
+    np.add(xy, yx, out=J[5])
+    np.multiply(radial, qx, out=J[6])
+    np.multiply(radial, qy, out=J[7])
 
 
-def _steepest(slope: Image32, c: _Cells) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return row and column, each ``(BLOCKS, n)``, of the steepest pixel in every cell."""
+def _steepest(slope: Image32, c: _Cells) -> npt.NDArray[np.intp]:
+    """Return the steepest pixel of every cell, ``(BLOCKS, n)``, as its number in the flat picture."""
     n = c.cell
     inner = slope[c.top : c.top + c.rows * n, c.left : c.left + c.columns * n]
     # The lowest bits of a slope give way to the pixel's place in its cell: the maximum then tells where it was found.
-    bits = (n * n - 1).bit_length()
-    keyed = inner.view(np.int32) >> bits << bits  # floats >= 0 are ordered as their bit patterns are
-    keyed |= _places(n, c.rows, c.columns)
+    mask = (1 << (n * n - 1).bit_length()) - 1
+    keyed = inner.view(np.int32) & ~mask  # floats >= 0 are ordered as their bit patterns are
+    keyed |= c.places
     tallest = keyed[::n]
     for k in range(1, n):
         tallest = np.maximum(tallest, keyed[k::n])
     widest = tallest[:, ::n]
     for k in range(1, n):
         widest = np.maximum(widest, tallest[:, k::n])
-    best = (widest & ((1 << bits) - 1)).astype(np.intp)
-    y = c.top + n * np.arange(c.rows)[:, None] + best // n
-    x = c.left + n * np.arange(c.columns)[None, :] + best % n
-
-    def by_block(grid: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        split = grid.reshape(GRID, c.rows // GRID, GRID, c.columns // GRID).swapaxes(1, 2)
-        return np.ascontiguousarray(split.reshape(BLOCKS, -1))
-
-    return by_block(y), by_block(x)
-
-
-@lru_cache(maxsize=32)
-def _places(n: int, rows: int, columns: int) -> npt.NDArray[np.int32]:
-    """``(rows * n, columns * n)`` every pixel's place in its cell."""
-    places = np.tile(np.arange(n * n, dtype=np.int32).reshape(n, n), (rows, columns))
-    places.setflags(write=False)
-    return places
+    flat = c.corner + c.offset[widest & mask]
+    return flat.reshape(GRID, c.rows // GRID, GRID, c.columns // GRID).swapaxes(1, 2).reshape(BLOCKS, -1)

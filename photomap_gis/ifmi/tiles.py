@@ -7,6 +7,7 @@ one by one must all name the same shift. Their pulses summed show a single peak 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,8 +49,9 @@ class TilePulses:
 def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
     """Ask the tiles under the homography ``H_a_b`` (``(3, 3)``, frame pixels); ``None`` where none fits."""
     f = a.factor
-    scale = np.diag([1.0 / f, 1.0 / f, 1.0])
-    H = scale @ H_a_b @ np.linalg.inv(scale)
+    H = np.array(H_a_b, np.float64)  # in the floor's pixels
+    H[:2, 2] /= f
+    H[2, :2] *= f
     h, w = a.shape
     warped = cv2.warpPerspective(
         b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
@@ -57,35 +59,36 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
     inside = warped < np.float32(30.0)
     if a.mask is not None:
         inside &= a.mask > 0
-    warped *= inside
     side = tile_side(a.shape)
     # The share of each possible tile that lies in the overlap, from one integral image.
-    total = cv2.integral(inside.view(np.uint8))
-    y, x = _starts_in(a.shape, side)
-    covered = total[y + side, x + side] - total[y, x + side] - total[y + side, x] + total[y, x]
-    keep = np.flatnonzero(covered >= COVERED * side**2)
+    total = cv2.integral(inside.view(np.uint8)).ravel()
+    y, x, corners = _starts_in(a.shape, side)
+    covered = total[corners]
+    keep = np.flatnonzero(covered[0] - covered[1] - covered[2] + covered[3] >= COVERED * side**2)
     if len(keep) == 0:
         return None
     if len(keep) > MOST_TILES:
-        keep = keep[np.linspace(0, len(keep) - 1, MOST_TILES).round().astype(np.intp)]
+        keep = keep[_evenly(len(keep), MOST_TILES)]
     x, y = x[keep], y[keep]
-    window = _tile_window(side)
-    both = np.empty((2, len(x), side, side), np.float32)
-    for k, (r, c) in enumerate(zip(y.tolist(), x.tolist(), strict=True)):
-        both[0, k] = a.values[r : r + side, c : c + side]
-        both[1, k] = warped[r : r + side, c : c + side]
-    both -= both.mean(axis=(2, 3), keepdims=True)
-    both *= window
-    F = whiten(forward_fft_stack(both.reshape(-1, side, side)))
-    D = F[: len(x)] * F[len(x) :].conj()
+    warped *= inside
+    k = len(x)
+    both = np.empty((2 * k, side, side), np.float32)
+    for n, (r, c) in enumerate(zip(y.tolist(), x.tolist(), strict=True)):
+        both[n] = a.values[r : r + side, c : c + side]
+        both[k + n] = warped[r : r + side, c : c + side]
+    both -= (both.reshape(2 * k, -1) @ _mean_of(side))[:, None, None]
+    both *= _tile_window(side)
+    F = whiten(forward_fft_stack(both))
+    D = F[:k] * F[k:].conj()
     D *= gaussian_low_pass((side, side), LOW_PASS)
     pulses = inverse_fft_stack(D)
-    flat = pulses.reshape(len(x), -1)
+    flat = pulses.reshape(k, -1)
     best = flat.argmax(axis=1)
-    shift = _signed(np.stack([best % side, best // side], axis=1), side)
-    snr = flat[np.arange(len(x)), best] / np.maximum(flat.std(axis=1), 1e-9)
-    near = np.hypot(shift[:, 0], shift[:, 1]) <= NEAR_PX
-    summed = pulses.sum(axis=0)
+    shift = np.stack([best % side, best // side], axis=1).astype(np.float64)
+    shift[shift > side // 2] -= side
+    snr = flat[np.arange(k), best].astype(np.float64) / _scatter_of_pulses(side)
+    near = shift[:, 0] ** 2 + shift[:, 1] ** 2 <= NEAR_PX**2
+    summed = flat.sum(axis=0)
     at_zero, elsewhere = _around_zero(side)
     height = float(summed[at_zero].max())
     rest = summed[elsewhere]
@@ -94,7 +97,7 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
     return TilePulses(
         centre=centre_b * f,
         shift=shift * f,
-        snr=snr.astype(np.float64),
+        snr=snr,
         near=near,
         summed_snr=height / max(float(rest.std()), 1e-9),
         rival=max(float(rest.max()), 0.0) / max(height, 1e-9),
@@ -106,19 +109,44 @@ def tile_side(shape: tuple[int, int]) -> int:
     return next((s for s in (64, 32) if min(shape) >= 2.5 * s), 16)
 
 
+Cells = npt.NDArray[np.intp]
+
+
 @lru_cache(maxsize=16)
-def _starts_in(shape: tuple[int, int], side: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the row and the column of the first pixel of every possible tile."""
+def _starts_in(shape: tuple[int, int], side: int) -> tuple[Cells, Cells, Cells]:
+    """Return row and column of the first pixel of every possible tile, and its corners in the flat integral image.
+
+    The corners are ``(4, tiles)``: the far one, the two beside it, the first.
+    """
     starts = []
     for length in shape:
         count = max(1, round((length - side) / (STRIDE * side)) + 1)
         starts.append(np.linspace(0, length - side, count).round().astype(np.intp))
-    y, x = np.meshgrid(*starts, indexing="ij")
-    return y.ravel(), x.ravel()
+    y, x = (v.ravel() for v in np.meshgrid(*starts, indexing="ij"))
+    row = shape[1] + 1
+    first = y * row + x
+    return y, x, np.stack([first + side * row + side, first + side, first + side * row, first])
 
 
-def _signed(cells: npt.NDArray[np.intp], side: int) -> FloatArray:
-    return np.where(cells > side // 2, cells - side, cells).astype(np.float64)
+@lru_cache(maxsize=256)
+def _evenly(count: int, most: int) -> Cells:
+    """Return ``most`` of ``count`` numbers, evenly spread."""
+    return np.linspace(0, count - 1, most).round().astype(np.intp)
+
+
+@lru_cache(maxsize=4)
+def _mean_of(side: int) -> Image32:
+    return np.full(side * side, 1.0 / side**2, np.float32)
+
+
+@lru_cache(maxsize=4)
+def _scatter_of_pulses(side: int) -> float:
+    """Return the standard deviation of a pulse: by Parseval's theorem that of the low-pass, whatever the tiles show."""
+    g = gaussian_low_pass((side, side), LOW_PASS)
+    twice = np.full(g.shape[1], 2.0)
+    twice[0] = twice[-1] = 1.0
+    power = float((g.astype(np.float64) ** 2 * twice).sum()) - float(g[0, 0]) ** 2
+    return math.sqrt(power) / side**2
 
 
 @lru_cache(maxsize=4)
@@ -130,8 +158,8 @@ def _tile_window(side: int) -> Image32:
 
 
 @lru_cache(maxsize=4)
-def _around_zero(side: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """``(side, side)`` masks of the cells near zero shift and of those well away from it."""
+def _around_zero(side: int) -> tuple[Cells, Cells]:
+    """Return the cells, of a flat pulse, near zero shift and those well away from it."""
     one = np.fft.fftfreq(side, 1.0 / side)
-    distance = np.hypot(one[:, None], one[None, :])
-    return distance <= NEAR_PX, distance > 2.5 * NEAR_PX
+    distance = np.hypot(one[:, None], one[None, :]).ravel()
+    return np.flatnonzero(distance <= NEAR_PX), np.flatnonzero(distance > 2.5 * NEAR_PX)

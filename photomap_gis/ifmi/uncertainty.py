@@ -51,8 +51,10 @@ class Spread:
 
     def covariance(self) -> FloatArray:
         """``(4, 4)`` covariance of xi about b's centre, in b's pixels; positive definite."""
-        total = np.tensordot(np.array(WEIGHTS), np.stack(self.parts()), axes=1)
-        return np.asarray(0.5 * (total + total.T), np.float64)
+        total = np.zeros((4, 4))
+        for weight, part in zip(WEIGHTS, self.parts(), strict=True):
+            total += weight * part
+        return 0.5 * (total + total.T)
 
 
 WEIGHTS = (1.0, SCATTER, OUTLIER**2, BEND**2, LEAST_SIGMA_PX**2)

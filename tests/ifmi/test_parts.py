@@ -137,7 +137,7 @@ def test_a_template_takes_the_steepest_pixel_of_every_cell(rng, points):
     values = rng.random((75, 101), dtype=np.float32)
     sx, sy = slopes(values, None)
     t = make_template(values, sx, sy, factor=1, size_px=(101, 75), points=points)
-    x, y = (np.rint(q * 50.5 + c).astype(int) for q, c in ((t.qx, 50.0), (t.qy, 37.0)))
+    x, y = (np.rint(q * 50.5 + c).astype(int) for q, c in ((t.Q[0], 50.0), (t.Q[1], 37.0)))
     np.testing.assert_array_equal(t.value, values[y, x])
     steepness = sx**2 + sy**2
     cell = max(1, math.ceil(math.sqrt(75 * 101 / points)))
@@ -145,7 +145,7 @@ def test_a_template_takes_the_steepest_pixel_of_every_cell(rng, points):
     for px, py in zip(x.ravel()[::7], y.ravel()[::7], strict=True):
         r, c = top + (py - top) // cell * cell, left + (px - left) // cell * cell
         assert steepness[py, px] >= steepness[r : r + cell, c : c + cell].max() * (1 - 1e-5)
-    assert len({*zip(x.ravel(), y.ravel(), strict=True)}) == t.qx.size
+    assert len({*zip(x.ravel(), y.ravel(), strict=True)}) == t.usable.size
 
 
 def test_tiles_speak_for_the_right_motion_only(rng):
@@ -166,7 +166,7 @@ def test_a_spectrum_is_modest_and_complains_of_nonsense(rng):
     arrays = [s.grey, s.phases, s.log_polar_phases]
     for f in s.floors:
         t = f.template
-        arrays += [f.values, t.qx, t.qy, t.value, t.gx, t.gy, t.J]
+        arrays += [f.values, t.Q, t.A, t.usable]
     assert sum(a.nbytes for a in arrays) < 3.2e6
     with pytest.raises(ValueError, match="uint8"):
         make_spectrum(np.zeros((64, 64), np.float32))
