@@ -40,13 +40,16 @@ class Alignment:
     """A refined motion ``G``, and what the last step saw.
 
     ``correlation`` is that of the compared points, ``support`` the share of b's points that lie in a: 0 where the fit
-    has failed. ``attenuation`` (0..1) is how much of b's slopes is found in a: noise and blur are not.
+    has failed. ``attenuation`` (0..1) is how much of b's slopes is found in a: noise and blur are not. ``seen`` ``(N,)``
+    are a's values at the points of b's template before the last step, ``valid`` where there are any.
     """
 
     G: FloatArray
     correlation: float
     support: float
     attenuation: float
+    seen: Image32
+    valid: npt.NDArray[np.bool_]
 
 
 def align(
@@ -72,12 +75,13 @@ def align(
     reach_px = max(b.shape) / 2.0
     correlation, support, attenuation = 0.0, 0.0, 1.0
     gain, slopes_a, before_px = 0.0, None, math.inf
+    seen, valid = value, usable
     for _ in range(steps):
         seen, valid = look_up(a, G, t.Q)
         valid &= usable
         n = int(np.count_nonzero(valid))
         if n < FEWEST_POINTS:
-            return Alignment(G, 0.0, 0.0, 1.0)
+            return Alignment(G, 0.0, 0.0, 1.0, seen, valid)
         weight = valid.astype(np.float32)
         if gain == 0.0:
             gain = max(float((weight * seen) @ value) / max(float((weight * value) @ value), 1e-9), 0.05)
@@ -93,7 +97,7 @@ def align(
         correlation, support = cross / math.sqrt(max(power_a * power_b, 1e-12)), n / value.size
         gain = cross / max(power_b, 1e-9)
         if gain <= LEAST_GAIN:
-            return Alignment(G, correlation, 0.0, 1.0)
+            return Alignment(G, correlation, 0.0, 1.0, seen, valid)
         curvature = own[1:, 1:] * gain
         if near and correlation < CLEAN:
             if slopes_a is None:
@@ -109,7 +113,7 @@ def align(
         if length_px * max(rate / (1.0 - rate), 0.1) < enough_px:
             break
         before_px = length_px
-    return Alignment(G / G[2, 2], correlation, support, attenuation)
+    return Alignment(G / G[2, 2], correlation, support, attenuation, seen, valid)
 
 
 def _slopes_of_a(a: Floor, G: FloatArray, t: Template, freedom: int) -> Image32:
@@ -142,34 +146,35 @@ def _curvature(WJ: Image32, J_a: Image32, alone: FloatArray) -> tuple[FloatArray
     return mended, min(max(attenuation, LEAST_ATTENUATION), 1.0)
 
 
-def outlying(a: Floor, b: Floor, G: FloatArray) -> float:
-    """Return the share of b's points that the motion does not explain, were it a little off and noise as it is.
+def outlying(b: Floor, fit: Alignment) -> float:
+    """Return the share of b's points that the fit does not explain, were it a little off and noise as it is.
 
     Only points in company count: raised and moved things are patches, heavy tails of noise are not.
     """
     t = b.template
-    seen, valid = (v.reshape(t.usable.shape) for v in look_up(a, G, t.Q))
-    valid &= t.usable
-    n = int(np.count_nonzero(valid))
+    n = int(np.count_nonzero(fit.valid))
     if n < FEWEST_POINTS:
         return 1.0
-    value = t.value * valid
-    gain = max(float(np.vdot(value, seen)) / max(float(np.vdot(value, value)), 1e-9), LEAST_GAIN)
-    residual = np.abs(seen - np.float32(gain) * t.value)
-    slope = np.hypot(t.gx, t.gy) * np.float32(gain * SLACK_PX * 2.0 / max(b.shape))
-    beyond = valid & (residual > slope + np.float32(3.0 * typical(residual, valid)))
-    in_block = np.count_nonzero(beyond, axis=1)
-    return float(in_block[in_block > COMPANY * np.count_nonzero(valid, axis=1)].sum()) / n
+    value = t.value.ravel()
+    usual = value * fit.valid
+    gain = max(float(usual @ fit.seen) / max(float(usual @ usual), 1e-9), LEAST_GAIN)
+    residual = np.abs(fit.seen - np.float32(gain) * value)
+    steepness = np.sqrt(t.gx * t.gx + t.gy * t.gy).ravel()
+    steepness *= np.float32(gain * SLACK_PX * 2.0 / max(b.shape))
+    steepness += np.float32(3.0 * typical(residual, fit.valid))
+    beyond = fit.valid & (residual > steepness)
+    in_block = beyond.reshape(t.usable.shape).sum(axis=1)
+    return float(in_block[in_block > COMPANY * fit.valid.reshape(t.usable.shape).sum(axis=1)].sum()) / n
 
 
 def _damped(curvature: FloatArray, stiffness: float) -> FloatArray:
     """Return the curvature with a trace of damping, and with stiffness against the bend."""
+    n = len(curvature)
+    level = float(curvature.ravel()[: 4 * (n + 1) : n + 1].sum()) / 4.0
     damped = curvature.copy()
-    diagonal = damped.diagonal()
-    level = float(diagonal[:4].sum()) / 4.0
-    damping = np.full(len(diagonal), 1e-6 * level)
-    damping[4:] += stiffness * level
-    damped.flat[:: len(diagonal) + 1] += damping
+    damped.ravel()[:: n + 1] += 1e-6 * level
+    if stiffness > 0.0 and n > 4:
+        damped.ravel()[4 * (n + 1) :: n + 1] += stiffness * level
     return damped
 
 

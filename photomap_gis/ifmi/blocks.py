@@ -21,6 +21,10 @@ LEAST_SURE_PX = 1.5
 FURTHEST_PX = 6.0
 """Blocks that want to move further than this many pixels of the floor have lost their way."""
 LONGEST_STEP_PX = 2.0
+SETTLED_PX = 0.25
+"""Blocks that moved no more than this need no second step, .."""
+FEW_UNSETTLED = 0.05
+""".. nor where no more than this share of them moved further."""
 ODD = 3.0
 """A block is odd whose correlation lacks so many times more to 1 than that of the median block."""
 FEWEST_ODD = 2
@@ -115,6 +119,8 @@ def _on_floor(
         gone = d - start
         lost = gone[:, 0] ** 2 + gone[:, 1] ** 2 > (FURTHEST_PX * px) ** 2
         d = np.where(lost[:, None], start, d)
+        if np.count_nonzero(np.abs(step).max(axis=1) > SETTLED_PX * px) <= FEW_UNSETTLED * len(d):
+            break
     # The residual was seen before the last step: what the step explains is taken out of it.
     total = np.maximum(weight.sum(axis=1, dtype=np.float64), 1.0)
     moved = (gain[:, None] * step).astype(np.float32)

@@ -128,7 +128,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
         if fit.support == 0.0:
             break
         G, attenuation = fit.G, fit.attenuation
-    outliers = outlying(a.floors[0], b.floors[0], G)
+    outliers = outlying(b.floors[0], fit) if k == 0 else 1.0
     coarsest = a.spectral if outliers > USUAL_OUTLIERS else None
     motion = block_motion(a.floors, b.floors, G, coarsest=coarsest, attenuation=attenuation)
     field = _field_of(motion)
@@ -185,7 +185,7 @@ def _overlap(a: Spectrum, b: Spectrum, G: FloatArray, share: float, frame: Frame
 def similarity_of(G: FloatArray, b: Spectrum) -> Similarity2D:
     """Return the similarity closest to a motion over the whole of b."""
     frame = Frame(*b.size_px)
-    q = frame.grid()[::5]
+    q = frame.grid()[::7]
     return fit_similarity(project(G, q), q) @ frame.T_q_b
 
 

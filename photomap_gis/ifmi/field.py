@@ -18,7 +18,7 @@ BEND_PRIOR = 0.06
 """One sigma of stretch and perspective before looking."""
 PRIOR_DIAGONAL = np.array([1e-6] * 4 + [1.0 / BEND_PRIOR**2] * 4)
 PRIOR = np.diag(PRIOR_DIAGONAL)
-GRID_POINTS = 20
+GRID_POINTS = 16
 """Points of the grid along the longer side."""
 LEAST_SCATTER = 1e-4
 ROUNDS = 3
@@ -41,17 +41,27 @@ class Frame:
     @property
     def T_q_b(self) -> Similarity2D:
         """From b's pixels to field coordinates."""
-        r = self.reach_px
-        return Similarity2D((1.0 - self.width_px) / (2.0 * r), (1.0 - self.height_px) / (2.0 * r), 0.0, -math.log(r))
+        return _T_q_b(self.width_px, self.height_px)
 
     @property
     def T_b_q(self) -> Similarity2D:
         """From field coordinates to b's pixels."""
-        return Similarity2D((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0, 0.0, math.log(self.reach_px))
+        return _T_b_q(self.width_px, self.height_px)
 
     def grid(self) -> FloatArray:
         """``(N, 2)`` field coordinates evenly over the frame."""
         return _grid(self.width_px, self.height_px)
+
+
+@lru_cache(maxsize=16)
+def _T_q_b(width_px: int, height_px: int) -> Similarity2D:
+    r = max(width_px, height_px) / 2.0
+    return Similarity2D((1.0 - width_px) / (2.0 * r), (1.0 - height_px) / (2.0 * r), 0.0, -math.log(r))
+
+
+@lru_cache(maxsize=16)
+def _T_b_q(width_px: int, height_px: int) -> Similarity2D:
+    return Similarity2D((width_px - 1) / 2.0, (height_px - 1) / 2.0, 0.0, math.log(max(width_px, height_px) / 2.0))
 
 
 @lru_cache(maxsize=16)

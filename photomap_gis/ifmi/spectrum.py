@@ -23,7 +23,7 @@ from photomap_gis.ifmi.logpolar import TAPER as ROTATION_TAPER
 from photomap_gis.ifmi.logpolar import log_polar_spectrum
 from photomap_gis.ifmi.periods import Period, find_periods
 from photomap_gis.ifmi.pomf import whiten
-from photomap_gis.ifmi.template import Template, make_template, slopes
+from photomap_gis.ifmi.template import Template, make_template, on_finer, steepest_pixels
 from photomap_gis.ifmi.window import apodisation, soft_mask
 
 SPECTRAL_SIDE_PX = 160
@@ -174,20 +174,30 @@ def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None, wanted: int |
     if wanted is not None:
         spectral = min(range(len(kept)), key=lambda k: abs(math.log2(kept[k][0] / wanted)))
     light = _light(kept[spectral][1])
-    floors: list[Floor] = []
-    for factor, picture, weights in kept:
-        m = None if weights is None else np.where(weights > 0.99, 255, 0).astype(np.uint8)
-        values = _normalised(picture, light)
-        seen = values
-        if m is not None:
-            values[m == 0] = 0.0
-            seen = np.where(m == 0, np.float32(FAR), values)
-        size_px = grey.shape[1], grey.shape[0]
-        sx, sy = slopes(values, m)
-        points = POINTS if len(floors) <= spectral else FEW_POINTS
-        template = make_template(values, sx, sy, factor=factor, size_px=size_px, points=points)
+    made = [_floor_of(picture, weights, light) for _, picture, weights in kept]
+    chosen = steepest_pixels(*made[spectral][:2], POINTS)
+    floors = []
+    for k, (values, m, seen) in enumerate(made):
+        factor, width = kept[k][0], values.shape[1]
+        if k < -1:
+            flat = on_finer(chosen, made[spectral][0].shape[1], kept[spectral][0] // factor, width)
+        else:
+            flat = chosen if k == spectral else steepest_pixels(values, m, FEW_POINTS if k > spectral else POINTS)
+        template = make_template(values, m, flat, factor=factor, size_px=(grey.shape[1], grey.shape[0]))
         floors.append(Floor(factor, values, m, seen, template))
     return tuple(floors), spectral
+
+
+def _floor_of(
+    picture: Image32, weights: Image32 | None, light: tuple[Image32, Image32]
+) -> tuple[Image32, Mask8 | None, Image32]:
+    """Return ``values``, ``mask`` and ``seen`` of a floor."""
+    values = _normalised(picture, light)
+    if weights is None:
+        return values, None, values
+    mask = np.where(weights > 0.99, 255, 0).astype(np.uint8)
+    values[mask == 0] = 0.0
+    return values, mask, np.where(mask == 0, np.float32(FAR), values)
 
 
 def _filled(picture: Image32, weights: Image32) -> Image32:
@@ -214,7 +224,7 @@ def _normalised(picture: Image32, light: tuple[Image32, Image32]) -> Image32:
     """Free a floor of its light, which is smooth enough to be taken from another floor."""
     h, w = picture.shape
     mean, gain = light if light[0].shape == (h, w) else (cv2.resize(v, (w, h)) for v in light)
-    values: Image32 = cv2.GaussianBlur(picture, (0, 0), 0.8)
+    values: Image32 = cv2.GaussianBlur(picture, (5, 5), 0.8)
     values -= mean
     values *= gain
     return values

@@ -16,6 +16,8 @@ import numpy.typing as npt
 
 from photomap_gis.ifmi.kernels import Image32, Mask8
 
+Pixels = npt.NDArray[np.intp]
+
 GRID = 12
 BLOCKS = GRID * GRID
 
@@ -70,8 +72,8 @@ class _Cells:
     top: int
     left: int
     places: npt.NDArray[np.int32]
-    corner: npt.NDArray[np.intp]
-    offset: npt.NDArray[np.intp]
+    corner: Pixels
+    offset: Pixels
 
 
 @lru_cache(maxsize=32)
@@ -91,33 +93,64 @@ def _cells_of(shape: tuple[int, int], points: int) -> _Cells:
     return _Cells(n, rows, columns, top, left, places, corner, offset)
 
 
-def slopes(values: Image32, mask: Mask8 | None) -> tuple[Image32, Image32]:
-    """Return the slopes of a floor along x and y, a pixel; 0 where the mask is, and beside it."""
-    # The five-point derivative that is exact to fourth order: slopes of fine detail are not underestimated.
-    kernel = np.array([1.0, -8.0, 0.0, 8.0, -1.0], np.float32) / np.float32(12.0)
-    one = np.ones(1, np.float32)
-    gx = cv2.sepFilter2D(values, cv2.CV_32F, kernel, one, borderType=cv2.BORDER_REFLECT)
-    gy = cv2.sepFilter2D(values, cv2.CV_32F, one, kernel, borderType=cv2.BORDER_REFLECT)
+def steepest_pixels(values: Image32, mask: Mask8 | None, points: int) -> Pixels:
+    """Return, as numbers in the flat picture, the steepest pixel of each of at most about ``points`` cells.
+
+    ``(BLOCKS, n)``, block by block.
+    """
+    c = _cells_of(values.shape, points)
+    gx, gy = cv2.Sobel(values, cv2.CV_32F, 1, 0, ksize=1), cv2.Sobel(values, cv2.CV_32F, 0, 1, ksize=1)
+    gx *= gx
+    gy *= gy
+    gx += gy
     if mask is not None:
-        usable = cv2.erode(mask, np.ones((5, 5), np.uint8), borderValue=255) > 0
-        gx, gy = np.where(usable, gx, np.float32(0)), np.where(usable, gy, np.float32(0))
-    return gx, gy
+        gx[mask == 0] = 0.0
+    n = c.cell
+    inner = gx[c.top : c.top + c.rows * n, c.left : c.left + c.columns * n]
+    # The lowest bits of a slope give way to the pixel's place in its cell: the maximum then tells where it was found.
+    low = (1 << (n * n - 1).bit_length()) - 1
+    keyed = inner.view(np.int32) & ~low  # floats >= 0 are ordered as their bit patterns are
+    keyed |= c.places
+    tallest = keyed[::n]
+    for k in range(1, n):
+        tallest = np.maximum(tallest, keyed[k::n])
+    widest = tallest[:, ::n]
+    for k in range(1, n):
+        widest = np.maximum(widest, tallest[:, k::n])
+    flat = c.corner + c.offset[widest & low]
+    return flat.reshape(GRID, c.rows // GRID, GRID, c.columns // GRID).swapaxes(1, 2).reshape(BLOCKS, -1)
+
+
+def on_finer(flat: Pixels, width: int, times: int, finer_width: int) -> Pixels:
+    """Return the same places as pixels of a floor ``times`` as fine."""
+    y, x = np.divmod(flat, width)
+    return (y * finer_width + x) * times
 
 
 def make_template(
-    values: Image32, slope_x: Image32, slope_y: Image32, *, factor: int, size_px: tuple[int, int], points: int
+    values: Image32, mask: Mask8 | None, flat: Pixels, *, factor: int, size_px: tuple[int, int]
 ) -> Template:
-    """Return the template, of at most about ``points``, of a floor of a frame of ``size_px`` (width, height)."""
-    c = _cells_of(values.shape, points)
-    flat = _steepest(slope_x * slope_x + slope_y * slope_y, c)
+    """Return the template of the pixels ``flat``, two or more from the border, of a frame of ``size_px`` (width, height)."""
+    w = values.shape[1]
     Q = np.ones((3, *flat.shape), np.float32)
-    np.take(_field_coordinates(values.shape, factor, size_px), flat, axis=1, out=Q[:2])
-    unit = np.float32(max(size_px) / (2.0 * factor))
+    _field_coordinates(values.shape, factor, size_px).take(flat, axis=1, out=Q[:2], mode="clip")
     A = np.empty((9, *flat.shape), np.float32)
-    values.take(flat, out=A[0])
-    gx, gy = slope_x.take(flat) * unit, slope_y.take(flat) * unit
+    values.take(flat, out=A[0], mode="clip")
+    unit = np.float32(max(size_px) / (2.0 * factor))
+    gx, gy = _slope(values, flat, 1) * unit, _slope(values, flat, w) * unit
+    if mask is not None:
+        usable = cv2.erode(mask, np.ones((5, 5), np.uint8), borderValue=255).take(flat) > 0
+        gx *= usable
+        gy *= usable
     write_derivative(A[1:], Q, gx, gy)
     return Template(Q, A, (gx != 0) | (gy != 0))
+
+
+def _slope(values: Image32, flat: Pixels, step: int) -> Image32:
+    """Return the slope per ``step`` in the flat picture, by the five-point derivative: exact to fourth order."""
+    near = values.take(flat + step, mode="clip") - values.take(flat - step, mode="clip")
+    far = values.take(flat + 2 * step, mode="clip") - values.take(flat - 2 * step, mode="clip")
+    return near * np.float32(8.0 / 12.0) - far * np.float32(1.0 / 12.0)
 
 
 @lru_cache(maxsize=16)
@@ -143,21 +176,3 @@ def write_derivative(J: Image32, Q: Image32, gx: Image32, gy: Image32) -> None:
     np.add(xy, yx, out=J[5])
     np.multiply(radial, qx, out=J[6])
     np.multiply(radial, qy, out=J[7])
-
-
-def _steepest(slope: Image32, c: _Cells) -> npt.NDArray[np.intp]:
-    """Return the steepest pixel of every cell, ``(BLOCKS, n)``, as its number in the flat picture."""
-    n = c.cell
-    inner = slope[c.top : c.top + c.rows * n, c.left : c.left + c.columns * n]
-    # The lowest bits of a slope give way to the pixel's place in its cell: the maximum then tells where it was found.
-    mask = (1 << (n * n - 1).bit_length()) - 1
-    keyed = inner.view(np.int32) & ~mask  # floats >= 0 are ordered as their bit patterns are
-    keyed |= c.places
-    tallest = keyed[::n]
-    for k in range(1, n):
-        tallest = np.maximum(tallest, keyed[k::n])
-    widest = tallest[:, ::n]
-    for k in range(1, n):
-        widest = np.maximum(widest, tallest[:, k::n])
-    flat = c.corner + c.offset[widest & mask]
-    return flat.reshape(GRID, c.rows // GRID, GRID, c.columns // GRID).swapaxes(1, 2).reshape(BLOCKS, -1)
