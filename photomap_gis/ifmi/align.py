@@ -23,6 +23,8 @@ from photomap_gis.ifmi.template import Template, write_derivative
 
 CAUCHY = 2.0
 """Residuals beyond this many robust sigmas lose weight: shadows, cars, people, relief."""
+SCALE_STEPS = 2
+"""So many steps measure the robust sigma; later ones take it over."""
 FEWEST_POINTS = 50
 LONGEST_STEP_PX = 4.0
 LEAST_GAIN = 0.03
@@ -40,8 +42,8 @@ class Alignment:
     """A refined motion ``G``, and what the last step saw.
 
     ``correlation`` is that of the compared points, ``support`` the share of b's points that lie in a: 0 where the fit
-    has failed. ``attenuation`` (0..1) is how much of b's slopes is found in a: noise and blur are not. ``seen`` ``(N,)``
-    are a's values at the points of b's template before the last step, ``valid`` where there are any.
+    has failed. ``attenuation`` (0..1) is how much of b's slopes is found in a: noise and blur are not.
+    ``seen`` ``(N,)`` are a's values at the points of b's template before the last step, ``valid`` where there are any.
     """
 
     G: FloatArray
@@ -66,17 +68,17 @@ def align(
     """Refine ``G`` on a floor by its first ``freedom`` (4: similarity, 8: homography) parameters.
 
     It ends where less than ``enough_px`` of the floor at ``reach_px`` are left to go. ``stiffness`` holds parameters
-    from the fifth on: the share of the similarity's mean information that is added to theirs. ``near`` says that ``G`` is right to
-    about a pixel already: then, and only then, the slopes of both frames tell how far a step has to go.
+    from the fifth on: the share of the similarity's mean information that is added to theirs. ``near`` says that ``G``
+    is right to about a pixel already: then, and only then, the slopes of both frames tell how far a step has to go.
     """
     t = b.template
     A = t.A[: 1 + freedom].reshape(1 + freedom, -1)
     value, usable = A[0], t.usable.ravel()
     reach_px = max(b.shape) / 2.0
     correlation, support, attenuation = 0.0, 0.0, 1.0
-    gain, slopes_a, before_px = 0.0, None, math.inf
+    gain, unit, slopes_a, before_px = 0.0, np.float32(1.0), None, math.inf
     seen, valid = value, usable
-    for _ in range(steps):
+    for k in range(steps):
         seen, valid = look_up(a, G, t.Q)
         valid &= usable
         n = int(np.count_nonzero(valid))
@@ -86,7 +88,9 @@ def align(
         if gain == 0.0:
             gain = max(float((weight * seen) @ value) / max(float((weight * value) @ value), 1e-9), 0.05)
         residual = seen - np.float32(gain) * value
-        residual *= np.float32(1.0 / (CAUCHY * typical(residual, valid)))
+        if k < SCALE_STEPS:
+            unit = np.float32(1.0 / (CAUCHY * typical(residual, valid)))
+        residual *= unit
         residual *= residual
         residual += np.float32(1.0)
         weight /= residual
@@ -103,7 +107,7 @@ def align(
             if slopes_a is None:
                 slopes_a = _slopes_of_a(a, G, t, freedom)
             curvature, attenuation = _curvature(W[1:], slopes_a, curvature)
-        step = np.linalg.solve(_damped(curvature, stiffness), gain * own[1:, 0] - pull[1:])
+        step = np.asarray(np.linalg.solve(_damped(curvature, stiffness), gain * own[1:, 0] - pull[1:]), np.float64)
         length_px = reach_px * math.sqrt(float(step @ step))
         if length_px > LONGEST_STEP_PX:
             step *= LONGEST_STEP_PX / length_px

@@ -96,8 +96,8 @@ def _on_floor(
     for _ in range(steps):
         moved = d.astype(np.float32)
         Q[0], Q[1] = t.Q[0] + moved[:, :1], t.Q[1] + moved[:, 1:]
-        seen, valid = (v.reshape(t.usable.shape) for v in look_up(a, G, Q))
-        valid &= t.usable
+        found, inside = look_up(a, G, Q)
+        seen, valid = found.reshape(t.usable.shape), inside.reshape(t.usable.shape) & t.usable
         weight = valid.astype(np.float32)
         usual = weight * value
         gain = _sums(usual, seen) / np.maximum(_sums(usual, value), 1e-9)

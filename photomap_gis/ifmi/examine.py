@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
+from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.ifmi.align import align, outlying
 from photomap_gis.ifmi.blocks import BlockMotion, block_motion
-from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, project, visible
+from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, visible
 from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
 from photomap_gis.ifmi.uncertainty import NOISE, NOISE_DECORRELATED, USUAL_OUTLIERS, Spread
@@ -185,8 +185,7 @@ def _overlap(a: Spectrum, b: Spectrum, G: FloatArray, share: float, frame: Frame
 def similarity_of(G: FloatArray, b: Spectrum) -> Similarity2D:
     """Return the similarity closest to a motion over the whole of b."""
     frame = Frame(*b.size_px)
-    q = frame.grid()[::7]
-    return fit_similarity(project(G, q), q) @ frame.T_q_b
+    return frame.similarity_of(G) @ frame.T_q_b
 
 
 def homography_of(G: FloatArray, b: Spectrum) -> FloatArray:

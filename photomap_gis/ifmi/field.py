@@ -52,6 +52,14 @@ class Frame:
         """``(N, 2)`` field coordinates evenly over the frame."""
         return _grid(self.width_px, self.height_px)
 
+    def similarity_of(self, G: FloatArray) -> Similarity2D:
+        """Return the similarity closest to a motion over the whole frame."""
+        nine = _nine(self.width_px, self.height_px)
+        p = project(G, nine).view(np.complex128).ravel()
+        q = nine.view(np.complex128).ravel()  # their mean is 0
+        t, z = complex(p.mean()), complex(np.vdot(q, p)) / float(np.vdot(q, q).real)
+        return Similarity2D(t.real, t.imag, math.atan2(z.imag, z.real), math.log(max(abs(z), 1e-12)))
+
 
 @lru_cache(maxsize=16)
 def _T_q_b(width_px: int, height_px: int) -> Similarity2D:
@@ -75,6 +83,16 @@ def _grid(width_px: int, height_px: int) -> FloatArray:
     grid = np.stack([x.ravel(), y.ravel()], axis=1)
     grid.setflags(write=False)
     return grid
+
+
+@lru_cache(maxsize=16)
+def _nine(width_px: int, height_px: int) -> FloatArray:
+    """``(9, 2)`` field coordinates of Chebyshev's points of a frame: their mean is the frame's, up to third powers."""
+    at = math.sqrt(0.5) / max(width_px, height_px)
+    x, y = np.meshgrid(np.array([-1.0, 0.0, 1.0]) * at * width_px, np.array([-1.0, 0.0, 1.0]) * at * height_px)
+    nine = np.stack([x.ravel(), y.ravel()], axis=1)
+    nine.setflags(write=False)
+    return nine
 
 
 @dataclass(frozen=True, slots=True, eq=False)

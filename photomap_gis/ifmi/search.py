@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -24,9 +23,12 @@ from photomap_gis.ifmi.pomf import gaussian_low_pass, pulse_of, whiten
 from photomap_gis.ifmi.prior import GATE_SIGMAS, Prior
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.spectrum import SHIFT_TAPER, Floor, Spectrum, on_canvas, windowed
+from photomap_gis.ifmi.window import tukey
 
 ROTATION_LOW_PASS = 0.08
 SHIFT_LOW_PASS = 0.24
+BOX_TAPER = 0.4
+NARROWEST_BOX_PX = 8
 LARGEST_LOG_SCALE = math.log(2.2)
 SMALLEST_OVERLAP = 0.08
 BATCHES = (2, 4, 6)
@@ -143,13 +145,12 @@ def _shifts(a: Floor, b: Floor, turns: list[tuple[float, float]], prior: Prior, 
     """Yield the best shifts that the prior admits at every turn (modulo pi) and scale, seen on one floor."""
     f = a.factor
     T_prior = on_floor(prior.T_a_b, f)
-    slack_px = GATE_SIGMAS * prior.sigma_xy_px / f
-    window, middle_a = _overlap_window(a, b, T_prior, slack_px)
+    window, middle_a = _window_over(a, b, T_prior)
     middle_b = T_prior.inverse().apply(middle_a)
     canvas = (fft_size(a.shape[0]), fft_size(a.shape[1]))
     low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
     P_A = whiten(forward_fft(on_canvas(a.values * window, canvas)))
-    admitted = _around_zero(canvas, round(slack_px + 2.0))
+    admitted = _around_zero(canvas, round(GATE_SIGMAS * prior.sigma_xy_px / f + 2.0))
     for angle_rad, log_scale in turns:
         if math.cos(angle_rad - prior.T_a_b.angle_rad) < 0.0:
             angle_rad += math.pi
@@ -165,38 +166,17 @@ def _shifts(a: Floor, b: Floor, turns: list[tuple[float, float]], prior: Prior, 
             yield Candidate(Similarity2D((T0.tx + dx) * f, (T0.ty + dy) * f, T0.angle_rad, log_scale), p.snr)
 
 
-def _overlap_window(a: Floor, b: Floor, T: Similarity2D, slack_px: float) -> tuple[Image32, FloatArray]:
-    """``(h, w)`` window over a that fades out at the border of the predicted overlap, and the overlap's middle.
-
-    ``slack_px`` is how far the prediction may be off: the overlap of frames that move is never larger than they.
-    """
-    inside = warp_similarity(_usable(b), T, a.shape)
-    inside = np.where(inside > 127, _usable(a), np.uint8(0))
-    x0, y0, w, h = cv2.boundingRect(inside)
-    if min(w, h) < 8:
-        return np.ones(a.shape, np.float32), np.array([(a.shape[1] - 1) / 2.0, (a.shape[0] - 1) / 2.0])
-    fade = max(3, round(0.2 * min(w, h)))
-    grow = int(min(slack_px, 0.25 * min(a.shape)))
-    if grow > 1:
-        inside = cv2.dilate(inside, np.ones((2 * grow + 1, 2 * grow + 1), np.uint8))
-        if a.mask is not None:
-            inside = cv2.bitwise_and(inside, a.mask)
-    bordered = cv2.copyMakeBorder(inside, fade, fade, fade, fade, cv2.BORDER_CONSTANT, value=0)
-    soft = cv2.blur(cv2.erode(bordered, np.ones((fade, fade), np.uint8)), (fade, fade))
-    window = soft[fade:-fade, fade:-fade].astype(np.float32)
-    window *= np.float32(1.0 / 255.0)
-    return window, np.array([x0 + (w - 1) / 2.0, y0 + (h - 1) / 2.0])
-
-
-def _usable(floor: Floor) -> npt.NDArray[np.uint8]:
-    return _everywhere(floor.shape) if floor.mask is None else floor.mask
-
-
-@lru_cache(maxsize=8)
-def _everywhere(shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
-    full = np.full(shape, 255, np.uint8)
-    full.setflags(write=False)
-    return full
+def _window_over(a: Floor, b: Floor, T: Similarity2D) -> tuple[Image32, FloatArray]:
+    """``(h, w)`` window over a that shows the box around the predicted overlap, and the box's middle."""
+    (h, w), (hb, wb) = a.shape, b.shape
+    corners = T.apply(((0.0, 0.0), (wb - 1.0, 0.0), (0.0, hb - 1.0), (wb - 1.0, hb - 1.0)))
+    x0, y0 = (max(0, math.floor(v)) for v in corners.min(axis=0).tolist())
+    x1, y1 = (min(side, math.ceil(v) + 1) for v, side in zip(corners.max(axis=0).tolist(), (w, h), strict=True))
+    if min(x1 - x0, y1 - y0) < NARROWEST_BOX_PX:
+        return np.ones((h, w), np.float32), np.array([(w - 1) / 2.0, (h - 1) / 2.0])
+    window = np.zeros((h, w), np.float32)
+    window[y0:y1, x0:x1] = np.outer(tukey(y1 - y0, BOX_TAPER), tukey(x1 - x0, BOX_TAPER))
+    return window, np.array([(x0 + x1 - 1) / 2.0, (y0 + y1 - 1) / 2.0])
 
 
 @lru_cache(maxsize=64)

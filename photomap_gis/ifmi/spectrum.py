@@ -23,7 +23,7 @@ from photomap_gis.ifmi.logpolar import TAPER as ROTATION_TAPER
 from photomap_gis.ifmi.logpolar import log_polar_spectrum
 from photomap_gis.ifmi.periods import Period, find_periods
 from photomap_gis.ifmi.pomf import whiten
-from photomap_gis.ifmi.template import Template, make_template, on_finer, steepest_pixels
+from photomap_gis.ifmi.template import Template, make_template, steepest_pixels
 from photomap_gis.ifmi.window import apodisation, soft_mask
 
 SPECTRAL_SIDE_PX = 160
@@ -174,15 +174,10 @@ def _pyramid(grey: ImageArray, mask: npt.NDArray[np.bool_] | None, wanted: int |
     if wanted is not None:
         spectral = min(range(len(kept)), key=lambda k: abs(math.log2(kept[k][0] / wanted)))
     light = _light(kept[spectral][1])
-    made = [_floor_of(picture, weights, light) for _, picture, weights in kept]
-    chosen = steepest_pixels(*made[spectral][:2], POINTS)
-    floors = []
-    for k, (values, m, seen) in enumerate(made):
-        factor, width = kept[k][0], values.shape[1]
-        if k < -1:
-            flat = on_finer(chosen, made[spectral][0].shape[1], kept[spectral][0] // factor, width)
-        else:
-            flat = chosen if k == spectral else steepest_pixels(values, m, FEW_POINTS if k > spectral else POINTS)
+    floors: list[Floor] = []
+    for factor, picture, weights in kept:
+        values, m, seen = _floor_of(picture, weights, light)
+        flat = steepest_pixels(values, m, POINTS if len(floors) <= spectral else FEW_POINTS)
         template = make_template(values, m, flat, factor=factor, size_px=(grey.shape[1], grey.shape[0]))
         floors.append(Floor(factor, values, m, seen, template))
     return tuple(floors), spectral

@@ -63,7 +63,7 @@ class _Cells:
     """How a floor is cut: ``cell`` pixels a side, ``rows`` by ``columns`` of them, from (``top``, ``left``).
 
     ``places`` ``(rows * cell, columns * cell)`` is every pixel's number in its cell; in the flat picture ``corner``
-    ``(rows, columns)`` is each cell's first pixel, and ``offset`` ``(cell * cell,)`` how far every other lies behind it.
+    ``(rows, columns)`` is each cell's first pixel, ``offset`` ``(cell * cell,)`` how far every other lies behind it.
     """
 
     cell: int
@@ -121,16 +121,13 @@ def steepest_pixels(values: Image32, mask: Mask8 | None, points: int) -> Pixels:
     return flat.reshape(GRID, c.rows // GRID, GRID, c.columns // GRID).swapaxes(1, 2).reshape(BLOCKS, -1)
 
 
-def on_finer(flat: Pixels, width: int, times: int, finer_width: int) -> Pixels:
-    """Return the same places as pixels of a floor ``times`` as fine."""
-    y, x = np.divmod(flat, width)
-    return (y * finer_width + x) * times
-
-
 def make_template(
     values: Image32, mask: Mask8 | None, flat: Pixels, *, factor: int, size_px: tuple[int, int]
 ) -> Template:
-    """Return the template of the pixels ``flat``, two or more from the border, of a frame of ``size_px`` (width, height)."""
+    """Return the template of the pixels ``flat``, which lie two or more from the border.
+
+    ``size_px`` is the frame's width and height.
+    """
     w = values.shape[1]
     Q = np.ones((3, *flat.shape), np.float32)
     _field_coordinates(values.shape, factor, size_px).take(flat, axis=1, out=Q[:2], mode="clip")

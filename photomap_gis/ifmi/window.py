@@ -11,7 +11,7 @@ import numpy as np
 from photomap_gis.ifmi.kernels import Image32, Mask8
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=256)
 def tukey(n: int, taper: float) -> Image32:
     """``(n,)`` flat window whose ends fade over the share ``taper`` of its length (half at each end)."""
     x = (np.arange(n) + 0.5) / n

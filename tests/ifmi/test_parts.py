@@ -17,7 +17,7 @@ from photomap_gis.ifmi.logpolar import ANGLES, RADII
 from photomap_gis.ifmi.pomf import gaussian_low_pass, pomf, pulse_of, whiten
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.search import turns_and_scales
-from photomap_gis.ifmi.template import GRID, make_template, slopes
+from photomap_gis.ifmi.template import GRID, make_template, steepest_pixels
 from photomap_gis.ifmi.tiles import tile_pulses
 
 
@@ -135,11 +135,13 @@ def test_the_closest_similarity_is_that_of_all_pixels_that_a_shows(x, y, turn, g
 @pytest.mark.parametrize("points", [300, 1200, 40_000])
 def test_a_template_takes_the_steepest_pixel_of_every_cell(rng, points):
     values = rng.random((75, 101), dtype=np.float32)
-    sx, sy = slopes(values, None)
-    t = make_template(values, sx, sy, factor=1, size_px=(101, 75), points=points)
+    flat = steepest_pixels(values, None, points)
+    t = make_template(values, None, flat, factor=1, size_px=(101, 75))
     x, y = (np.rint(q * 50.5 + c).astype(int) for q, c in ((t.Q[0], 50.0), (t.Q[1], 37.0)))
+    np.testing.assert_array_equal(y * 101 + x, flat)
     np.testing.assert_array_equal(t.value, values[y, x])
-    steepness = sx**2 + sy**2
+    padded = np.pad(values, 1, mode="reflect")
+    steepness = (padded[1:-1, 2:] - padded[1:-1, :-2]) ** 2 + (padded[2:, 1:-1] - padded[:-2, 1:-1]) ** 2
     cell = max(1, math.ceil(math.sqrt(75 * 101 / points)))
     top, left = ((n - max(1, (n - 4) // cell // GRID) * GRID * cell) // 2 for n in (75, 101))
     for px, py in zip(x.ravel()[::7], y.ravel()[::7], strict=True):
