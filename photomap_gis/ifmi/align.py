@@ -35,6 +35,8 @@ COMPANY = 0.1
 CLEAN = 0.97
 """From this correlation on b's own slopes are as good as those of both frames."""
 LEAST_ATTENUATION = 0.15
+WHOLE = np.eye(2)
+"""Nothing of the slopes is lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,14 +44,14 @@ class Alignment:
     """A refined motion ``G``, and what the last step saw.
 
     ``correlation`` is that of the compared points, ``support`` the share of b's points that lie in a: 0 where the fit
-    has failed. ``attenuation`` (0..1) is how much of b's slopes is found in a: noise and blur are not.
+    has failed. ``attenuation`` ``(2, 2)`` is how much of b's slopes is found in a: noise and blur are not.
     ``seen`` ``(N,)`` are a's values at the points of b's template before the last step, ``valid`` where there are any.
     """
 
     G: FloatArray
     correlation: float
     support: float
-    attenuation: float
+    attenuation: FloatArray
     seen: Image32
     valid: npt.NDArray[np.bool_]
 
@@ -75,7 +77,7 @@ def align(
     A = t.A[: 1 + freedom].reshape(1 + freedom, -1)
     value, usable = A[0], t.usable.ravel()
     reach_px = max(b.shape) / 2.0
-    correlation, support, attenuation = 0.0, 0.0, 1.0
+    correlation, support, attenuation = 0.0, 0.0, WHOLE
     gain, unit, slopes_a, before_px = 0.0, np.float32(1.0), None, math.inf
     seen, valid = value, usable
     for k in range(steps):
@@ -83,7 +85,7 @@ def align(
         valid &= usable
         n = int(np.count_nonzero(valid))
         if n < FEWEST_POINTS:
-            return Alignment(G, 0.0, 0.0, 1.0, seen, valid)
+            return Alignment(G, 0.0, 0.0, WHOLE, seen, valid)
         weight = valid.astype(np.float32)
         if gain == 0.0:
             gain = max(float((weight * seen) @ value) / max(float((weight * value) @ value), 1e-9), 0.05)
@@ -101,7 +103,7 @@ def align(
         correlation, support = cross / math.sqrt(max(power_a * power_b, 1e-12)), n / value.size
         gain = cross / max(power_b, 1e-9)
         if gain <= LEAST_GAIN:
-            return Alignment(G, correlation, 0.0, 1.0, seen, valid)
+            return Alignment(G, correlation, 0.0, WHOLE, seen, valid)
         curvature = own[1:, 1:] * gain
         if near and correlation < CLEAN:
             if slopes_a is None:
@@ -133,21 +135,27 @@ def _slopes_of_a(a: Floor, G: FloatArray, t: Template, freedom: int) -> Image32:
     return J[:freedom]
 
 
-def _curvature(WJ: Image32, J_a: Image32, alone: FloatArray) -> tuple[FloatArray, float]:
-    """Return the curvature of the correlation of both frames, and its size as a share of what b ``alone`` promises.
+def _curvature(WJ: Image32, J_a: Image32, alone: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the curvature of the correlation of both frames, and the share of b's slopes in it, ``(2, 2)``.
 
-    Slopes of noise, and of detail that the other frame has lost to blur, are in b's own curvature but do not pull:
-    by it alone every step falls short, and the fit ends before it is there.
+    Slopes of noise, and of detail that the other frame has lost to blur, are in what b ``alone`` promises but do not
+    pull: by it alone every step falls short, and the fit ends before it is there.
     """
     both = (WJ @ J_a.T).astype(np.float64)
     both = 0.5 * (both + both.T)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(alone), 1e-12))
-    share, axes = np.linalg.eigh(both * np.outer(scale, scale))
-    of_alone = np.einsum("ij,ik,kj->j", axes, alone * np.outer(scale, scale), axes)
-    share = np.clip(share, LEAST_ATTENUATION * of_alone, of_alone)
-    mended = (axes * share) @ axes.T / np.outer(scale, scale)
-    attenuation = float(np.trace(both[:2, :2]) / max(np.trace(alone[:2, :2]), 1e-12))
-    return mended, min(max(attenuation, LEAST_ATTENUATION), 1.0)
+    mended = _within(both, alone)
+    share = np.linalg.solve(alone[:2, :2] + 1e-12 * np.eye(2), mended[:2, :2])
+    return mended, 0.5 * (share + share.T)
+
+
+def _within(both: FloatArray, alone: FloatArray) -> FloatArray:
+    """Return a curvature kept between a small share of another and all of it, direction by direction."""
+    scale = 1.0 / np.sqrt(np.maximum(alone.diagonal(), 1e-12))
+    unit = np.outer(scale, scale)
+    share, axes = np.linalg.eigh(both * unit)
+    of_alone = ((alone * unit) @ axes * axes).sum(axis=0)
+    np.minimum(np.maximum(share, LEAST_ATTENUATION * of_alone, out=share), of_alone, out=share)
+    return np.asarray((axes * share) @ axes.T / unit, np.float64)
 
 
 def outlying(b: Floor, fit: Alignment) -> float:

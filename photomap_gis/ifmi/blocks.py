@@ -18,6 +18,7 @@ from photomap_gis.ifmi.template import BLOCKS
 
 LEAST_CORRELATION = 0.3
 LEAST_SURE_PX = 1.5
+"""Blocks whose sigma is beyond this even in their best direction have nothing to say."""
 FURTHEST_PX = 6.0
 """Blocks that want to move further than this many pixels of the floor have lost their way."""
 LONGEST_STEP_PX = 2.0
@@ -37,14 +38,14 @@ BETTER = 0.1
 class BlockMotion:
     """Residual displacements of K blocks of b, in field coordinates: true is ``G(q + d)``.
 
-    ``centre`` and ``displacement`` are ``(K, 2)``, ``variance`` ``(K,)`` per axis as if residuals were independent,
-    ``correlation`` ``(K,)`` after the displacement; ``solved`` ``(K,)`` where the block had enough to say;
-    ``visible`` ``(K,)`` where it lies in a at all.
+    ``centre`` and ``displacement`` are ``(K, 2)``; ``noise`` ``(3, K)`` holds the elements xx, xy and yy of their
+    covariances, as if residuals were independent; ``correlation`` ``(K,)`` is that after the displacement; ``solved``
+    ``(K,)`` where the block had enough to say; ``visible`` ``(K,)`` where it lies in a at all.
     """
 
     centre: FloatArray
     displacement: FloatArray
-    variance: FloatArray
+    noise: FloatArray
     correlation: FloatArray
     solved: np.ndarray
     visible: np.ndarray
@@ -52,14 +53,21 @@ class BlockMotion:
     def replaced(self, blocks: np.ndarray, other: BlockMotion, which: np.ndarray) -> BlockMotion:
         """Return the motion with that of ``blocks`` taken from the blocks ``which`` of another."""
         fields = {}
-        for name in ("centre", "displacement", "variance", "correlation", "solved"):
+        noise = self.noise.copy()
+        noise[:, blocks] = other.noise[:, which]
+        for name in ("centre", "displacement", "correlation", "solved"):
             fields[name] = getattr(self, name).copy()
             fields[name][blocks] = getattr(other, name)[which]
-        return replace(self, **fields)
+        return replace(self, noise=noise, **fields)
 
 
 def block_motion(
-    floors_a: tuple[Floor, ...], floors_b: tuple[Floor, ...], G: FloatArray, *, coarsest: int | None, attenuation: float
+    floors_a: tuple[Floor, ...],
+    floors_b: tuple[Floor, ...],
+    G: FloatArray,
+    *,
+    coarsest: int | None,
+    attenuation: FloatArray,
 ) -> BlockMotion:
     """Return the residual motion of a grid of blocks of b on the finest floor.
 
@@ -85,13 +93,13 @@ def block_motion(
 
 
 def _on_floor(
-    a: Floor, b: Floor, G: FloatArray, blocks: np.ndarray, start: FloatArray, attenuation: float, *, steps: int
+    a: Floor, b: Floor, G: FloatArray, blocks: np.ndarray, start: FloatArray, attenuation: FloatArray, *, steps: int
 ) -> BlockMotion:
     """Return the motion of some blocks, searched from ``start`` ``(len(blocks), 2)``."""
     t = b.template.of_blocks(blocks)
     px = 2.0 / max(b.shape)  # a pixel of the floor in field coordinates
     d = start
-    Q = t.Q.copy()
+    Q, T = t.Q.copy(), _root(attenuation)
     value, gx, gy = t.value, t.gx, t.gy
     for _ in range(steps):
         moved = d.astype(np.float32)
@@ -110,9 +118,10 @@ def _on_floor(
         ridge = 1e-3 * (hxx + hyy) + 1e-6
         hxx += ridge
         hyy += ridge
-        determinant = np.maximum(hxx * hyy - hxy * hxy, 1e-12)
-        pull = -1.0 / (determinant * gain * attenuation)
-        sx, sy = pull * (hyy * bx - hxy * by), pull * (hxx * by - hxy * bx)
+        # What pulls is attenuated: the curvature is seen through the share of the slopes that both frames have.
+        cxx, cxy, cyy = (gain * c for c in _through(T, hxx, hxy, hyy))
+        determinant = np.maximum(cxx * cyy - cxy * cxy, 1e-12)
+        sx, sy = (cxy * by - cyy * bx) / determinant, (cxy * bx - cxx * by) / determinant
         shorter = np.minimum(1.0, LONGEST_STEP_PX * px / np.maximum(np.hypot(sx, sy), 1e-9))
         step = np.stack([sx * shorter, sy * shorter], axis=1)
         d = d + step
@@ -128,22 +137,47 @@ def _on_floor(
     sigma2 = _sums(weight * left, left) / total
     power_b = gain * gain * _sums(weight * value, value) / total
     correlation = np.sqrt(power_b / np.maximum(power_b + sigma2, 1e-12))
-    strength = (gain * attenuation) ** 2
-    variance = 0.5 * sigma2 * (hxx + hyy) / (strength * determinant)
-    largest = sigma2 / (strength * np.maximum(_smaller_eigenvalue(hxx, hxy, hyy), 1e-9))
+    vxx, vxy, vyy = _sandwich((cxx, cxy, cyy), (hxx, hxy, hyy), sigma2 / (determinant * determinant))
+    least = 0.5 * (vxx + vyy) - np.sqrt((0.5 * (vxx - vyy)) ** 2 + vxy**2)
     visible = valid.sum(axis=1) >= 0.5 * t.usable.shape[1]
     # A block's motion is that of where its contrast is, not of its middle.
     say = weight * (gx * gx + gy * gy)
     say += np.float32(1e-9)
     centre = np.stack([_sums(say, t.Q[0]), _sums(say, t.Q[1])], axis=1) / say.sum(axis=1, dtype=np.float64)[:, None]
-    sure = largest < (LEAST_SURE_PX * px) ** 2
+    sure = least < (LEAST_SURE_PX * px) ** 2
     solved = visible & ~lost & (gain > 0.05) & (correlation > LEAST_CORRELATION) & sure
-    return BlockMotion(centre, d, variance, correlation, solved, visible)
+    return BlockMotion(centre, d, np.stack([vxx, vxy, vyy]), correlation, solved, visible)
 
 
-def _smaller_eigenvalue(hxx: FloatArray, hxy: FloatArray, hyy: FloatArray) -> FloatArray:
-    half = 0.5 * (hxx + hyy)
-    return half - np.sqrt((0.5 * (hxx - hyy)) ** 2 + hxy**2)
+Symmetric = tuple[FloatArray, FloatArray, FloatArray]
+"""``(K,)`` elements xx, xy and yy of K symmetric matrices."""
+
+
+def _root(matrix: FloatArray) -> FloatArray:
+    """Return the square root of a symmetric ``(2, 2)`` matrix."""
+    values, axes = np.linalg.eigh(matrix)
+    return np.asarray((axes * np.sqrt(np.maximum(values, 1e-6))) @ axes.T, np.float64)
+
+
+def _through(T: FloatArray, xx: FloatArray, xy: FloatArray, yy: FloatArray) -> Symmetric:
+    """``T M T`` of symmetric matrices, T symmetric ``(2, 2)``."""
+    p, q, r = T[0, 0], T[0, 1], T[1, 1]
+    return (
+        p * p * xx + 2.0 * p * q * xy + q * q * yy,
+        p * q * xx + (p * r + q * q) * xy + q * r * yy,
+        q * q * xx + 2.0 * q * r * xy + r * r * yy,
+    )
+
+
+def _sandwich(bread: Symmetric, filling: Symmetric, factor: FloatArray) -> Symmetric:
+    """``adj(bread) filling adj(bread)``, times a factor."""
+    cxx, cxy, cyy = bread
+    hxx, hxy, hyy = filling
+    return (
+        factor * (cyy * cyy * hxx - 2.0 * cyy * cxy * hxy + cxy * cxy * hyy),
+        factor * (-cyy * cxy * hxx + (cxx * cyy + cxy * cxy) * hxy - cxx * cxy * hyy),
+        factor * (cxy * cxy * hxx - 2.0 * cxx * cxy * hxy + cxx * cxx * hyy),
+    )
 
 
 def _sums(x: Image32, y: Image32) -> FloatArray:

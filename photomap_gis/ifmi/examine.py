@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.align import align, outlying
+from photomap_gis.ifmi.align import WHOLE, align, outlying
 from photomap_gis.ifmi.blocks import BlockMotion, block_motion
 from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, visible
 from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
-from photomap_gis.ifmi.uncertainty import NOISE, NOISE_DECORRELATED, USUAL_OUTLIERS, Spread
+from photomap_gis.ifmi.uncertainty import Spread
 
 FINE_STEPS = 6
 STIFFNESS = 0.02
@@ -27,6 +27,11 @@ BENDS = 2
 CLEARLY = 1.2
 FEWEST_BLOCKS = 12
 TILE_SIGMA_PX = 1.0
+SEARCHED_OUTLIERS = 0.006
+"""From this share of outlying points on, odd blocks are looked for where they may have gone."""
+BLOCK_NOISE, BLOCK_NOISE_DECORRELATED = 3.0, 2.0
+"""Variances of blocks, which take residuals for independent and slopes for exact, grow so many times, and by the second
+number times what the block's correlation lacks to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +106,8 @@ def _bent(a: Spectrum, b: Spectrum, lead: Lead, frame: Frame) -> Lead:
     unit = f / frame.reach_px
     noise2 = (TILE_SIGMA_PX * unit) ** 2 * np.square(6.0 / np.maximum(tiles.snr, 3.0))
     q = frame.T_q_b.apply(tiles.centre)
-    field = fit_field(q, tiles.shift @ back.T, noise2, start=8.0 * unit)
+    noise = np.stack([noise2, np.zeros(len(q)), noise2])
+    field = fit_field(q, tiles.shift @ back.T, noise, start=8.0 * unit)
     return _asked(a, b, lead.G @ field_matrix(field.theta), lead.snr, frame)
 
 
@@ -122,14 +128,14 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     """Return the motion closest to the whole overlap, its covariance and model sigma."""
     frame = Frame(*b.size_px)
     G = lead.G
-    correlation, attenuation = lead.correlation, 1.0
+    correlation, attenuation = lead.correlation, WHOLE
     for k in range(max(a.spectral - 1, 0), -1, -1):
         fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=FINE_STEPS, enough_px=0.02, near=True)
         if fit.support == 0.0:
             break
         G, attenuation = fit.G, fit.attenuation
     outliers = outlying(b.floors[0], fit) if k == 0 else 1.0
-    coarsest = a.spectral if outliers > USUAL_OUTLIERS else None
+    coarsest = a.spectral if outliers > SEARCHED_OUTLIERS else None
     motion = block_motion(a.floors, b.floors, G, coarsest=coarsest, attenuation=attenuation)
     field = _field_of(motion)
     blocks = int(motion.visible.sum())
@@ -146,10 +152,12 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
         noise=closest.M @ field.covariance @ closest.M.T,
         shape=closest.M @ field.shape @ closest.M.T / r**2,
         scatter2_px2=field.scatter2 * r**2,
+        pull=closest.M @ field.pull,
         outliers=outliers,
         baseline_px=float(np.hypot(*(closest.T_a_b.apply(centre_b) - centre_a))) / closest.T_a_b.scale,
         bend2_px2=closest.bend2_px2,
         blocks=len(field.residual2),
+        overlap=overlap,
     )
     limit2 = (3.0 * math.sqrt(field.scatter2) + 0.01) ** 2
     return Measured(
@@ -170,10 +178,9 @@ def _field_of(motion: BlockMotion) -> Field | None:
     use = motion.solved
     if int(use.sum()) < FEWEST_BLOCKS:
         return None
-    noise2 = np.maximum(motion.variance[use], LEAST_VARIANCE) * (
-        NOISE + NOISE_DECORRELATED * (1.0 - motion.correlation[use])
-    )
-    return fit_field(motion.centre[use], motion.displacement[use], noise2)
+    noise = motion.noise[:, use] * (BLOCK_NOISE + BLOCK_NOISE_DECORRELATED * (1.0 - motion.correlation[use]))
+    noise[::2] += LEAST_VARIANCE
+    return fit_field(motion.centre[use], motion.displacement[use], noise)
 
 
 def _overlap(a: Spectrum, b: Spectrum, G: FloatArray, share: float, frame: Frame) -> float:

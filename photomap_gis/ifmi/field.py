@@ -22,6 +22,8 @@ GRID_POINTS = 16
 """Points of the grid along the longer side."""
 LEAST_SCATTER = 1e-4
 ROUNDS = 3
+TAIL = 6.0
+"""Observations of so many variances count half."""
 SIGNIFICANT = 1.5
 """Scatter counts from so many standard deviations of what noise alone would show."""
 
@@ -100,7 +102,7 @@ class Field:
     """``theta`` ``(8,)`` and its covariance by noise alone; ``scatter2`` what else it leaves, a variance an axis.
 
     ``shape`` ``(8, 8)`` is the covariance by displacements of unit variance. ``residual2`` ``(K,)`` is half the squared
-    distance of every observation from the field.
+    distance of every observation from the field. ``pull`` ``(8,)`` is how theta would change if all counted the same.
     """
 
     theta: FloatArray
@@ -108,6 +110,7 @@ class Field:
     shape: FloatArray
     scatter2: float
     residual2: FloatArray
+    pull: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,37 +156,53 @@ def basis(q: FloatArray) -> FloatArray:
     return B
 
 
-def fit_field(q: FloatArray, shifts: FloatArray, noise2: FloatArray, *, start: float | None = None) -> Field:
-    """Return the robust fit to K ``(K, 2)`` shifts at ``(K, 2)`` field coordinates with variances ``(K,)`` per axis.
+def fit_field(q: FloatArray, shifts: FloatArray, noise: FloatArray, *, start: float | None = None) -> Field:
+    """Return the robust fit to K ``(K, 2)`` shifts at ``(K, 2)`` field coordinates.
 
-    With ``start`` the fit begins with so wide a robust scale and narrows it: for shifts of which many may be nonsense.
+    ``noise`` ``(3, K)`` holds the elements xx, xy and yy of the shifts' covariances. With ``start`` the fit begins with
+    so wide a robust scale and narrows it: for shifts of which many may be nonsense.
     """
-    B3 = basis(q)
-    B = B3.reshape(8, -1)
+    B = basis(q)
+    nxx, nxy, nyy = noise
+    noise2 = 0.5 * (nxx + nyy)
     freedom = max(0.3, 1.0 - 8.0 / (2.0 * len(q)))
-    noise = float(noise2.mean())
+    usual = float(noise2.mean())
     theta = np.zeros(8)
-    left = shifts.T
+    left = np.ascontiguousarray(shifts.T)
     left2 = _half_squared(left)
-    scatter2, gate2 = LEAST_SCATTER * noise, None if start is None else start**2
+    scatter2, gate2 = LEAST_SCATTER * usual, None if start is None else start**2
     for _ in range(ROUNDS if start is None else ROUNDS + 3):
         if gate2 is not None:
             scale2 = np.maximum(noise2, gate2)
-            weight = 1.0 / (scale2 * np.square(1.0 + left2 / scale2))
-            gate2 = gate2 / 3.0 if gate2 > noise else None
+            ixx = 1.0 / (scale2 * np.square(1.0 + left2 / scale2))
+            ixy, iyy = np.zeros(len(q)), ixx
+            gate2 = gate2 / 3.0 if gate2 > usual else None
         else:
             scatter2 = _scatter2(left2 / freedom, noise2)
-            total2 = noise2 + scatter2
-            weight = 1.0 / (total2 + left2 / 6.0)
-        BW = (B3 * weight).reshape(8, -1)
-        theta = theta + np.linalg.solve(BW @ B.T + PRIOR, BW @ left.ravel() - PRIOR_DIAGONAL * theta)
+            ixx, ixy, iyy = _robust_information(nxx + scatter2, nxy, nyy + scatter2, left)
+        W = np.stack([ixx * B[:, 0] + ixy * B[:, 1], ixy * B[:, 0] + iyy * B[:, 1]], axis=1)
+        BW = W.reshape(8, -1)
+        curvature = BW @ B.reshape(8, -1).T + PRIOR
+        theta = theta + np.linalg.solve(curvature, BW @ left.ravel() - PRIOR_DIAGONAL * theta)
         left = shifts.T - (project(field_matrix(theta), q) - q).T
         left2 = _half_squared(left)
     # Whatever else moves the blocks, the weights used are these: their sandwich carries both kinds of error.
-    bread = np.linalg.inv(BW @ B.T + PRIOR)
-    unit_filling = BW @ BW.T
-    noise_filling = (BW.reshape(8, 2, -1) * noise2).reshape(8, -1) @ BW.T
-    return Field(theta, bread @ noise_filling @ bread, bread @ unit_filling @ bread, scatter2, left2)
+    bread = np.linalg.inv(curvature)
+    noisy = np.stack([nxx * W[:, 0] + nxy * W[:, 1], nxy * W[:, 0] + nyy * W[:, 1]], axis=1).reshape(8, -1)
+    flat = B.reshape(8, -1)
+    pull = np.asarray(np.linalg.solve(flat @ flat.T + PRIOR, flat @ left.ravel()), np.float64)
+    return Field(theta, bread @ (noisy @ BW.T) @ bread, bread @ (BW @ BW.T) @ bread, scatter2, left2, pull)
+
+
+def _robust_information(
+    xx: FloatArray, xy: FloatArray, yy: FloatArray, left: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the inverses (elements xx, xy, yy) of covariances, less where what is ``left`` ``(2, K)`` is unlikely."""
+    x, y = left
+    one = 1.0 / (xx * yy - xy * xy)
+    m2 = 0.5 * one * (yy * x * x - 2.0 * xy * x * y + xx * y * y)
+    one /= 1.0 + m2 / TAIL
+    return one * yy, -one * xy, one * xx
 
 
 def _half_squared(left: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ SPECTRAL_SIDE_PX = 160
 FINEST_SIDE_PX = 720
 COARSEST_SIDE_PX = 40
 SHIFT_TAPER = 0.2
-MEAN_RADIUS = 0.04
+MEAN_RADIUS = 0.055
 """Half side of the neighbourhood of the local mean, as a share of a floor's longer side."""
 GREY_FLOOR = 2.0
 """Local contrast below this many grey levels is not amplified: it is noise."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections import Counter
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -91,7 +91,12 @@ def rejoining_pairs(
 
 
 class Measurements:
-    """All registrations of a mission: those of earlier runs, and those that this run adds to the journal."""
+    """All registrations of a mission: those of earlier runs, and those that this run adds to the journal.
+
+    An interrupted run is taken up where it was by going its way again: each pair that the journal holds is taken from
+    there instead of being measured, at the moment when it is asked for. What is tried next depends on what has been
+    found until then, so the way is the same, and so is the map.
+    """
 
     def __init__(
         self,
@@ -108,9 +113,9 @@ class Measurements:
         self.prepared = prepared
         self.records: dict[tuple[int, int], RegistrationRecord] = {}
         self._tries: Counter[tuple[int, int]] = Counter()
+        self._earlier: defaultdict[tuple[int, int], deque[RegistrationRecord]] = defaultdict(deque)
         for r in mission.registrations:
-            self.records[_key(r.a, r.b)] = r
-            self._tries[_key(r.a, r.b)] += 1
+            self._earlier[_key(r.a, r.b)].append(r)
 
     @property
     def accepted(self) -> list[RegistrationRecord]:
@@ -150,7 +155,8 @@ class Measurements:
     def take_missing(self, clusters: Sequence[Cluster]) -> int:
         """Try again, with the poses as priors and by features too, where the map still hangs by little.
 
-        These are pairs of which one frame has few registrations, or which would join two segments.
+        These are pairs of which one frame has few registrations, or which would join two segments. What earlier runs
+        with fewer frames registered, and nothing has asked for now, is added.
         """
         degree: Counter[int] = Counter()
         for r in self.accepted:
@@ -163,7 +169,18 @@ class Measurements:
             ):
                 if min(degree[c.a], degree[c.b]) < WELL_TIED or cluster.segments[c.a] != cluster.segments[c.b]:
                     pairs.append(Pair(c.a, c.b, EdgeKind.LOOP, prior_of(c, self.prepared)))
-        return self._take(pairs, "join", again=True)
+        return self._take(pairs, "join", again=True) + self._take_left()
+
+    def _take_left(self) -> int:
+        """Take over what the journal still holds; return how many accepted registrations that adds."""
+        gained = 0
+        for key, left in self._earlier.items():
+            for record in left:
+                gained += record.accepted and not (key in self.records and self.records[key].accepted)
+                self.records[key] = record
+                self._tries[key] += 1
+        self._earlier.clear()
+        return gained
 
     def _usable(self, cluster: Cluster) -> Cluster:
         return cluster.only(f for f in cluster.poses if self.prepared[f].usable)
@@ -171,18 +188,26 @@ class Measurements:
     def _take(self, pairs: Sequence[Pair], stage: str, *, again: bool = False) -> int:
         """Register pairs in threads and journal each result; return how many were accepted.
 
-        Pairs tried before, by this run or an earlier one, are left out unless they are to be tried ``again``.
+        Pairs that this run has tried are left out unless they are to be tried ``again``.
         """
         todo = [p for p in pairs if again or _key(p.a, p.b) not in self._tries]
-        gained = 0
-        results = map_jobs(self._measure, todo, workers=self._settings.workers)
-        for done, (pair, record) in enumerate(zip(todo, results, strict=True), start=1):
-            self._tries[_key(pair.a, pair.b)] += 1
+        new = [p for p in todo if not self._earlier.get(_key(p.a, p.b))]
+        measured = map_jobs(self._measure, new, workers=self._settings.workers)
+        gained = done = 0
+        for pair in todo:
+            key = _key(pair.a, pair.b)
+            self._tries[key] += 1
+            if earlier := self._earlier.get(key):
+                record: RegistrationRecord | None = earlier.popleft()
+            else:
+                record = next(measured)
+                done += 1
+                if record is not None:
+                    self._mission.registrations.append(record)
+                self._on_progress(stage, done, len(new))
             if record is not None:
-                self._mission.registrations.append(record)
-                self.records[_key(pair.a, pair.b)] = record
+                self.records[key] = record
                 gained += record.accepted
-            self._on_progress(stage, done, len(todo))
         return gained
 
     def _measure(self, pair: Pair) -> RegistrationRecord | None:

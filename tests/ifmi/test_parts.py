@@ -85,17 +85,35 @@ def test_a_field_is_found_again(theta):
     d = project(field_matrix(np.array(theta)), q) - q
     d_noisy = d.copy()
     d_noisy[::11] += 0.2  # some have lost their way
-    field = fit_field(q, d_noisy, np.full(len(q), 1e-6), start=0.05)
+    field = fit_field(q, d_noisy, isotropic(np.full(len(q), 1e-6)), start=0.05)
     np.testing.assert_allclose(project(field_matrix(field.theta), q) - q, d, atol=4e-3)
 
 
 def test_scatter_is_told_from_noise(rng):
     q = rng.uniform(-1, 1, (140, 2))
     noise2 = np.full(140, 1e-6)
-    quiet = fit_field(q, 1e-3 * rng.standard_normal((140, 2)), noise2)
-    loud = fit_field(q, 5e-3 * rng.standard_normal((140, 2)), noise2)
+    quiet = fit_field(q, 1e-3 * rng.standard_normal((140, 2)), isotropic(noise2))
+    loud = fit_field(q, 5e-3 * rng.standard_normal((140, 2)), isotropic(noise2))
     assert quiet.scatter2 < 2e-7
     assert loud.scatter2 == pytest.approx(24e-6, rel=0.25)
+
+
+def isotropic(noise2):
+    """``(3, K)`` covariances of the same variance on both axes."""
+    return np.stack([noise2, np.zeros(len(noise2)), noise2])
+
+
+def test_a_direction_in_which_nothing_is_known_does_no_harm(rng):
+    """Edges: half of the observations know only x, half only y, and say nonsense of the other."""
+    q = rng.uniform(-1, 1, (200, 2))
+    theta = np.array([0.02, -0.01, 0.005, 0.01, 0.0, 0.0, 0.0, 0.0])
+    d = project(field_matrix(theta), q) - q + 1e-5 * rng.standard_normal((200, 2))
+    know_x = np.arange(200) % 2 == 0
+    d[know_x, 1] += 0.01 * rng.standard_normal(100)
+    d[~know_x, 0] += 0.01 * rng.standard_normal(100)
+    variance_x, variance_y = np.where(know_x, 1e-10, 1e-4), np.where(know_x, 1e-4, 1e-10)
+    field = fit_field(q, d, np.stack([variance_x, np.zeros(200), variance_y]))
+    assert np.abs(field.theta - theta).max() < 2e-4
 
 
 def test_the_field_s_covariance_is_its_scatter(rng):
@@ -104,7 +122,7 @@ def test_the_field_s_covariance_is_its_scatter(rng):
     noise2 = rng.uniform(1e-6, 4e-6, 100)
     errors = []
     for _ in range(60):
-        field = fit_field(q, rng.standard_normal((100, 2)) * np.sqrt(noise2)[:, None], noise2)
+        field = fit_field(q, rng.standard_normal((100, 2)) * np.sqrt(noise2)[:, None], isotropic(noise2))
         errors.append(field.theta @ np.linalg.solve(field.covariance, field.theta) / 8.0)
     assert 0.75 < np.mean(errors) < 1.35
 
