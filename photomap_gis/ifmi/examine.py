@@ -15,7 +15,10 @@ from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
 from photomap_gis.ifmi.uncertainty import Spread
 
-FINE_STEPS = 6
+SPECTRAL_STEPS, FINE_STEPS = 12, 10
+"""Steeply tilted frames need them; others end long before."""
+NARROW = 0.1
+"""Where so small a share of b lies in a, a bend of the motion cannot be seen: it is a similarity."""
 STIFFNESS = 0.02
 """How much a bend is resisted while the motion is still coarse."""
 OBVIOUS = 30.0
@@ -74,12 +77,12 @@ def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
 def follow_motion(a: Spectrum, b: Spectrum, H_a_b: FloatArray, snr: float) -> Lead:
     """Refine a homography (frame pixels) as ``follow`` does a similarity."""
     frame = Frame(*b.size_px)
-    G = H_a_b @ frame.T_b_q.matrix
+    G, support = H_a_b @ frame.T_b_q.matrix, 1.0
     k = a.spectral
     if k + 1 < len(a.floors):
         coarse = align(a.floors[k + 1], b.floors[k + 1], G, freedom=4, steps=3, enough_px=0.1)
-        G = coarse.G if coarse.support > 0.0 else G
-    lead = _asked(a, b, G, snr, frame)
+        G, support = coarse.G if coarse.support > 0.0 else G, coarse.support
+    lead = _asked(a, b, G, support, snr, frame)
     for _ in range(BENDS):
         if lead.tiles is None or len(lead.tiles.near) < 4 or _is_obvious(lead.tiles):
             break
@@ -108,19 +111,20 @@ def _bent(a: Spectrum, b: Spectrum, lead: Lead, frame: Frame) -> Lead:
     q = frame.T_q_b.apply(tiles.centre)
     noise = np.stack([noise2, np.zeros(len(q)), noise2])
     field = fit_field(q, tiles.shift @ back.T, noise, start=8.0 * unit)
-    return _asked(a, b, lead.G @ field_matrix(field.theta), lead.snr, frame)
+    return _asked(a, b, lead.G @ field_matrix(field.theta), lead.support, lead.snr, frame)
 
 
-def _asked(a: Spectrum, b: Spectrum, G: FloatArray, snr: float, frame: Frame) -> Lead:
-    """Refine a motion on the spectral floor and ask the tiles."""
+def _asked(a: Spectrum, b: Spectrum, G: FloatArray, support: float, snr: float, frame: Frame) -> Lead:
+    """Refine a motion, known to lay the share ``support`` of b into a, on the spectral floor and ask the tiles."""
     k = a.spectral
-    fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=5, enough_px=0.05, stiffness=STIFFNESS)
+    freedom = 8 if support >= NARROW else 4
+    fit = align(a.floors[k], b.floors[k], G, freedom=freedom, steps=SPECTRAL_STEPS, enough_px=0.05, stiffness=STIFFNESS)
     if fit.support == 0.0:
         return Lead(G, fit.correlation, 0.0, None, snr)
     H = fit.G @ frame.T_q_b.matrix
     tiles = tile_pulses(a.floors[k], b.floors[k], H)
-    if tiles is None and k > 0:  # a narrow overlap: tiles of as many pixels are smaller on the finer floor
-        tiles = tile_pulses(a.floors[k - 1], b.floors[k - 1], H)
+    if tiles is None and k > 0:  # a narrow overlap: as small tiles as there are, on the finer floor
+        tiles = tile_pulses(a.floors[k - 1], b.floors[k - 1], H, narrow=True)
     return Lead(fit.G, fit.correlation, fit.support, tiles, snr)
 
 
@@ -130,7 +134,8 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     G = lead.G
     correlation, attenuation = lead.correlation, WHOLE
     for k in range(max(a.spectral - 1, 0), -1, -1):
-        fit = align(a.floors[k], b.floors[k], G, freedom=8, steps=FINE_STEPS, enough_px=0.02, near=True)
+        freedom = 8 if lead.support >= NARROW else 4
+        fit = align(a.floors[k], b.floors[k], G, freedom=freedom, steps=FINE_STEPS, enough_px=0.02, near=True)
         if fit.support == 0.0:
             break
         G, attenuation = fit.G, fit.attenuation

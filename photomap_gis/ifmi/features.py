@@ -23,7 +23,7 @@ MOST_FEATURES = 1500
 CONTRAST_THRESHOLD = 0.01
 RATIO = 0.85
 RANSAC_PX = 4.0
-FEWEST_INLIERS = 6
+FEWEST_INLIERS = 4
 """Few are enough for a candidate: whether it is right, refinement and judgement will tell."""
 EQUALISER = cv2.createCLAHE(2.0, (8, 8))
 """Calm ground has its detail raised before features are looked for."""

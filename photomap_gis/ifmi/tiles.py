@@ -25,6 +25,7 @@ LOW_PASS = 0.16
 STRIDE = 0.5
 COVERED = 0.85
 MOST_TILES = 16
+SMALLEST_SIDE = 16
 NEAR_PX = 2.0
 """A tile votes for the motion when its peak lies this near zero, in pixels of the floor."""
 
@@ -46,8 +47,11 @@ class TilePulses:
     rival: float
 
 
-def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
-    """Ask the tiles under the homography ``H_a_b`` (``(3, 3)``, frame pixels); ``None`` where none fits."""
+def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray, *, narrow: bool = False) -> TilePulses | None:
+    """Ask the tiles under the homography ``H_a_b`` (``(3, 3)``, frame pixels); ``None`` where none fits.
+
+    ``narrow`` takes the smallest tiles there are: for overlaps into which no others fit.
+    """
     f = a.factor
     H = np.array(H_a_b, np.float64)  # in the floor's pixels
     H[:2, 2] /= f
@@ -59,7 +63,7 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
     inside = warped < np.float32(30.0)
     if a.mask is not None:
         inside &= a.mask > 0
-    side = tile_side(a.shape)
+    side = SMALLEST_SIDE if narrow else tile_side(a.shape)
     # The share of each possible tile that lies in the overlap, from one integral image.
     total = cv2.integral(inside.view(np.uint8)).ravel()
     y, x, corners = _starts_in(a.shape, side)
@@ -106,7 +110,7 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray) -> TilePulses | None:
 
 def tile_side(shape: tuple[int, int]) -> int:
     """Return the tiles' side: a power of two, about a third of the shorter side, 16 to 64 pixels."""
-    return next((s for s in (64, 32) if min(shape) >= 2.5 * s), 16)
+    return next((s for s in (64, 32) if min(shape) >= 2.5 * s), SMALLEST_SIDE)
 
 
 Cells = npt.NDArray[np.intp]

@@ -168,6 +168,7 @@ def test_a_mission_is_extended_by_a_second_flight(flown, tmp_path):
     again = map_flight([second], folder, add=True)
     assert again.frames["total"] == 14
     assert any("already" in w for w in again.warnings)
+    assert again.registrations == both.registrations, "nothing that was registered is lost"
     with pytest.raises(DataError, match="no mission folder"):
         map_flight([second], tmp_path / "nowhere", add=True)
 
