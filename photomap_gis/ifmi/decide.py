@@ -25,7 +25,7 @@ APART = 0.04
 """Motions are different ones where the corners of b lie so far apart, as a share of its longer side."""
 
 
-REPETITIVE = 0.45
+REPETITIVE = 0.33
 """Frames so much like themselves elsewhere are searched to the end: the first clear lead may be a twin of another."""
 EXPANDED = 2
 REPEATS_FOLLOWED = 4

@@ -19,15 +19,15 @@ import numpy as np
 
 from photomap_gis.core.similarity import FloatArray
 
-NOISE, NARROW = 0.32, 3.1
+NOISE, NARROW = 0.306, 3.1
 """Variances of noise are so many times the blocks' (which are wide already), and more by the second number times the
 share of the frames that does not overlap."""
-SCATTER = 620.0
+SCATTER = 594.0
 USUAL_OUTLIERS, OUTLYING = 0.0015, 2.5
 """From the first share on, outliers can pull by so many times their share of the distance that the camera went."""
-PULL_ALONG, PULL_ANY = 4.4, 1.15
+PULL_ALONG, PULL_ANY = 5.0, 1.3
 """Variances along the pull, and in any direction."""
-BEND = 0.0043
+BEND = 0.0042
 LEAST_SIGMA_PX = 0.0005
 
 

@@ -9,22 +9,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-ACCEPT = 0.6
+ACCEPT = 0.8
 """The probability from which on a registration is accepted: beyond it, wrong ones are rarer than one in 5,000."""
 
 MOST_REPEATING, UNDECIDED = 0.5, 0.5
 """From the first on a motion on repeating ground is one of several that fit: no more than the second is believed."""
 
 WEIGHTS = {
-    "one": -1.48,
-    "tiles_snr": 2.21,
-    "tiles_rival": -2.68,
-    "tiles_near": 0.28,
-    "blocks_agreeing": 0.96,
-    "correlation": 1.22,
-    "contender": -7.03,
-    "log_overlap": 1.34,
-    "repeats": -3.24,
+    "one": -1.41,
+    "tiles_snr": 2.12,
+    "tiles_rival": -3.51,
+    "tiles_near": 0.14,
+    "blocks_agreeing": 1.12,
+    "correlation": 1.59,
+    "contender": -6.93,
+    "log_overlap": 2.32,
+    "repeats": -3.5,
 }
 
 
