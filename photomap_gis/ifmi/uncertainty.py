@@ -7,8 +7,8 @@ take it: of things that stand high, which belong to the closest similarity, or o
 No more of it is believed than the share of points that no smooth motion explains can move, as far as the camera went.
 The *bend* stands for a form that is not exactly a homography's.
 
-The numbers are those under which pairs of known truth of every class are held best
-(``python -m benchmarks.registration.calibrate``).
+The weights are those under which pairs of known truth are held best, class by class
+(``python -m benchmarks.registration.calibrate --fit``).
 """
 
 from __future__ import annotations
@@ -19,16 +19,29 @@ import numpy as np
 
 from photomap_gis.core.similarity import FloatArray
 
-NOISE, NARROW = 0.306, 3.1
-"""Variances of noise are so many times the blocks' (which are wide already), and more by the second number times the
-share of the frames that does not overlap."""
-SCATTER = 594.0
-USUAL_OUTLIERS, OUTLYING = 0.0015, 2.5
-"""From the first share on, outliers can pull by so many times their share of the distance that the camera went."""
-PULL_ALONG, PULL_ANY = 5.0, 1.3
-"""Variances along the pull, and in any direction."""
-BEND = 0.0042
 LEAST_SIGMA_PX = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """How much of what was seen counts. Variances are multiplied by ``noise``, ``scatter`` and the pulls.
+
+    ``narrow`` adds to ``noise`` where little overlaps. From the share ``usual`` on, outliers can pull by ``outlying``
+    times their share of the distance that the camera went: ``pull_along`` weighs the pull in its direction,
+    ``pull_any`` in every one. ``bend`` multiplies a sigma.
+    """
+
+    noise: float = 0.306
+    narrow: float = 3.1
+    scatter: float = 594.0
+    usual: float = 0.0015
+    outlying: float = 2.5
+    pull_along: float = 5.0
+    pull_any: float = 1.3
+    bend: float = 0.0042
+
+
+WEIGHTS = Weights()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,17 +63,18 @@ class Spread:
     blocks: int
     overlap: float
 
-    def covariance(self) -> FloatArray:
+    def covariance(self, weights: Weights = WEIGHTS) -> FloatArray:
         """``(4, 4)`` covariance of xi about b's centre, in b's pixels; positive definite."""
+        w = weights
         common = max(self.blocks, 1) * self.shape  # of what moves all blocks together
         pull2_px2 = float(self.pull @ np.linalg.solve(common, self.pull)) / 4.0
-        most_px = OUTLYING * max(self.outliers - USUAL_OUTLIERS, 0.0) * self.baseline_px
+        most_px = w.outlying * max(self.outliers - w.usual, 0.0) * self.baseline_px
         believed = min(1.0, most_px**2 / max(pull2_px2, 1e-12))
-        together_px2 = believed * PULL_ANY * pull2_px2 + BEND**2 * self.bend2_px2 + LEAST_SIGMA_PX**2
+        together_px2 = believed * w.pull_any * pull2_px2 + w.bend**2 * self.bend2_px2 + LEAST_SIGMA_PX**2
         total = (
-            NOISE * (1.0 + NARROW * (1.0 - self.overlap)) * self.noise
-            + SCATTER * self.scatter2_px2 * self.shape
-            + believed * PULL_ALONG * np.outer(self.pull, self.pull)
+            w.noise * (1.0 + w.narrow * (1.0 - self.overlap)) * self.noise
+            + w.scatter * self.scatter2_px2 * self.shape
+            + believed * w.pull_along * np.outer(self.pull, self.pull)
             + together_px2 * common
         )
         return np.asarray(0.5 * (total + total.T), np.float64)
