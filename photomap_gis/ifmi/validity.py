@@ -12,7 +12,7 @@ from dataclasses import dataclass
 ACCEPT = 0.8
 """The probability from which on a registration is accepted: beyond it, wrong ones are rarer than one in 5,000."""
 
-MOST_REPEATING, UNDECIDED = 0.5, 0.5
+MOST_REPEATING, UNDECIDED = 0.9, 0.5
 """From the first on a motion on repeating ground is one of several that fit: no more than the second is believed."""
 
 WEIGHTS = {
