@@ -25,6 +25,10 @@ CAUCHY = 2.0
 """Residuals beyond this many robust sigmas lose weight: shadows, cars, people, relief."""
 SCALE_STEPS = 2
 """So many steps measure the robust sigma; later ones take it over."""
+YIELDING = 0.25
+"""Stiffness falls to so much of itself at every step."""
+PATIENCE, RISE = 4, 0.003
+"""After so many steps more are taken only while each raises the correlation by this much."""
 FEWEST_POINTS = 50
 LONGEST_STEP_PX = 4.0
 LEAST_GAIN = 0.03
@@ -70,8 +74,9 @@ def align(
     """Refine ``G`` on a floor by its first ``freedom`` (4: similarity, 8: homography) parameters.
 
     It ends where less than ``enough_px`` of the floor at ``reach_px`` are left to go. ``stiffness`` holds parameters
-    from the fifth on: the share of the similarity's mean information that is added to theirs. ``near`` says that ``G``
-    is right to about a pixel already: then, and only then, the slopes of both frames tell how far a step has to go.
+    from the fifth on at first: the share of the similarity's mean information that is added to theirs. ``near`` says
+    that ``G`` is right to about a pixel already: then, and only then, the slopes of both frames tell how far a step has
+    to go.
     """
     t = b.template
     A = t.A[: 1 + freedom].reshape(1 + freedom, -1)
@@ -100,6 +105,7 @@ def align(
         W = A * weight
         own, pull = (W @ A.T).astype(np.float64), (W @ seen).astype(np.float64)
         power_b, cross, power_a = float(own[0, 0]), float(pull[0]), float((weight * seen) @ seen)
+        before = correlation
         correlation, support = cross / math.sqrt(max(power_a * power_b, 1e-12)), n / value.size
         gain = cross / max(power_b, 1e-9)
         if gain <= LEAST_GAIN:
@@ -109,14 +115,16 @@ def align(
             if slopes_a is None:
                 slopes_a = _slopes_of_a(a, G, t, freedom)
             curvature, attenuation = _curvature(W[1:], slopes_a, curvature)
-        step = np.asarray(np.linalg.solve(_damped(curvature, stiffness), gain * own[1:, 0] - pull[1:]), np.float64)
+        step = np.asarray(
+            np.linalg.solve(_damped(curvature, stiffness * YIELDING**k), gain * own[1:, 0] - pull[1:]), np.float64
+        )
         length_px = reach_px * math.sqrt(float(step @ step))
         if length_px > LONGEST_STEP_PX:
             step *= LONGEST_STEP_PX / length_px
         G = G @ field_matrix(step)
         # Steps shrink by a rate: what is left to go is the rest of the series.
         rate = min(length_px / before_px, 0.9)
-        if length_px * max(rate / (1.0 - rate), 0.1) < enough_px:
+        if length_px * max(rate / (1.0 - rate), 0.1) < enough_px or (k >= PATIENCE and correlation < before + RISE):
             break
         before_px = length_px
     return Alignment(G / G[2, 2], correlation, support, attenuation, seen, valid)
