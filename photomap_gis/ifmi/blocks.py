@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.ifmi.align import CAUCHY, look_up, typical
+from photomap_gis.ifmi.align import CAUCHY, WHOLE, look_up, typical
 from photomap_gis.ifmi.kernels import Image32
 from photomap_gis.ifmi.spectrum import Floor
 from photomap_gis.ifmi.template import BLOCKS
@@ -99,7 +99,7 @@ def _on_floor(
     t = b.template.of_blocks(blocks)
     px = 2.0 / max(b.shape)  # a pixel of the floor in field coordinates
     d = start
-    Q, T = t.Q.copy(), _root(attenuation)
+    Q, T = t.Q.copy(), None if attenuation is WHOLE else _root(attenuation)
     value, gx, gy = t.value, t.gx, t.gy
     for _ in range(steps):
         moved = d.astype(np.float32)
@@ -119,7 +119,8 @@ def _on_floor(
         hxx += ridge
         hyy += ridge
         # What pulls is attenuated: the curvature is seen through the share of the slopes that both frames have.
-        cxx, cxy, cyy = (gain * c for c in _through(T, hxx, hxy, hyy))
+        attenuated = (hxx, hxy, hyy) if T is None else _through(T, hxx, hxy, hyy)
+        cxx, cxy, cyy = (gain * c for c in attenuated)
         determinant = np.maximum(cxx * cyy - cxy * cxy, 1e-12)
         sx, sy = (cxy * by - cyy * bx) / determinant, (cxy * bx - cxx * by) / determinant
         shorter = np.minimum(1.0, LONGEST_STEP_PX * px / np.maximum(np.hypot(sx, sy), 1e-9))

@@ -167,6 +167,8 @@ def fit_field(q: FloatArray, shifts: FloatArray, noise: FloatArray, *, start: fl
     noise2 = 0.5 * (nxx + nyy)
     freedom = max(0.3, 1.0 - 8.0 / (2.0 * len(q)))
     usual = float(noise2.mean())
+    flat, W = B.reshape(8, -1), np.empty_like(B)
+    BW = W.reshape(8, -1)
     theta = np.zeros(8)
     left = np.ascontiguousarray(shifts.T)
     left2 = _half_squared(left)
@@ -180,16 +182,15 @@ def fit_field(q: FloatArray, shifts: FloatArray, noise: FloatArray, *, start: fl
         else:
             scatter2 = _scatter2(left2 / freedom, noise2)
             ixx, ixy, iyy = _robust_information(nxx + scatter2, nxy, nyy + scatter2, left)
-        W = np.stack([ixx * B[:, 0] + ixy * B[:, 1], ixy * B[:, 0] + iyy * B[:, 1]], axis=1)
-        BW = W.reshape(8, -1)
-        curvature = BW @ B.reshape(8, -1).T + PRIOR
+        W[:, 0] = ixx * B[:, 0] + ixy * B[:, 1]
+        W[:, 1] = ixy * B[:, 0] + iyy * B[:, 1]
+        curvature = BW @ flat.T + PRIOR
         theta = theta + np.linalg.solve(curvature, BW @ left.ravel() - PRIOR_DIAGONAL * theta)
         left = shifts.T - (project(field_matrix(theta), q) - q).T
         left2 = _half_squared(left)
     # Whatever else moves the blocks, the weights used are these: their sandwich carries both kinds of error.
     bread = np.linalg.inv(curvature)
     noisy = np.stack([nxx * W[:, 0] + nxy * W[:, 1], nxy * W[:, 0] + nyy * W[:, 1]], axis=1).reshape(8, -1)
-    flat = B.reshape(8, -1)
     pull = np.asarray(np.linalg.solve(flat @ flat.T + PRIOR, flat @ left.ravel()), np.float64)
     return Field(theta, bread @ (noisy @ BW.T) @ bread, bread @ (BW @ BW.T) @ bread, scatter2, left2, pull)
 
