@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-ACCEPT = 0.8
+ACCEPT = 0.9
 """The probability from which on a registration is accepted: beyond it, wrong ones are rarer than one in 5,000."""
 
 MOST_REPEATING, UNDECIDED = 0.9, 0.5
