@@ -2,8 +2,8 @@
 
 The log-polar spectrum is made when it is first asked for: a frame that is only ever tracked never needs it.
 
-The *spectral* floor of the pyramid (longer side at most 320 pixels) feeds the matched filters, the floors from it
-upwards feed the refinement, one below it the test of overlaps.
+The *spectral* floor of the pyramid (longer side at most ``SPECTRAL_SIDE_PX``) feeds the matched filters, the floors
+from it upwards feed the refinement, one below it the test of overlaps.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ No more of it is believed than the share of points that no smooth motion explain
 The *bend* stands for a form that is not exactly a homography's.
 
 The weights are those under which pairs of known truth are held best, class by class
-(``python -m benchmarks.registration.calibrate --fit``).
+(``python -m benchmarks.registration.calibrate --fit``), the pulls a little wider.
 """
 
 from __future__ import annotations

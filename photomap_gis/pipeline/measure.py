@@ -176,9 +176,11 @@ class Measurements:
         gained = 0
         for key, left in self._earlier.items():
             for record in left:
-                gained += record.accepted and not (key in self.records and self.records[key].accepted)
-                self.records[key] = record
                 self._tries[key] += 1
+                if key in self.records and self.records[key].accepted:
+                    continue  # found again by now: an earlier failure does not undo it
+                self.records[key] = record
+                gained += record.accepted
         self._earlier.clear()
         return gained
 
@@ -191,15 +193,14 @@ class Measurements:
         Pairs that this run has tried are left out unless they are to be tried ``again``.
         """
         todo = [p for p in pairs if again or _key(p.a, p.b) not in self._tries]
-        new = [p for p in todo if not self._earlier.get(_key(p.a, p.b))]
+        known = [left.popleft() if (left := self._earlier.get(_key(p.a, p.b))) else None for p in todo]
+        new = [p for p, record in zip(todo, known, strict=True) if record is None]
         measured = map_jobs(self._measure, new, workers=self._settings.workers)
         gained = done = 0
-        for pair in todo:
+        for pair, record in zip(todo, known, strict=True):
             key = _key(pair.a, pair.b)
             self._tries[key] += 1
-            if earlier := self._earlier.get(key):
-                record: RegistrationRecord | None = earlier.popleft()
-            else:
+            if record is None:
                 record = next(measured)
                 done += 1
                 if record is not None:
