@@ -155,6 +155,30 @@ def test_smears_and_blocks_raise_doubt(rng, good, before):
     assert judge_frame(blocks, np.roll(blocks, 7, axis=1)).doubt < 0.1, "what the predecessor shows too is the scene"
 
 
+def test_streaks_raise_doubt_and_a_road_along_the_axis_does_not(rng, good, before):
+    streaks = good.copy()
+    streaks[200:300, 40:200] = good[200, 40:200]
+    assert judge_frame(streaks, before).doubt > 0.9
+    assert judge_frame(np.ascontiguousarray(streaks.T), np.ascontiguousarray(before.T)).doubt > 0.9
+    road = good.copy()
+    road[:, 200:260] = np.linspace(90, 200, 60).astype(np.uint8)
+    assert judge_frame(noisy(rng, road, 2.0), before).doubt < 0.5
+
+
+def test_a_few_corners_of_blocks_raise_doubt_and_eaves_do_not(rng, good, before):
+    good, before = (cv2.GaussianBlur(p, (0, 0), 3.0)[:192, :256] // 2 + 60 for p in (good, before))
+    blocks = good.copy()
+    for k in range(6):
+        y, x = 16 * (1 + k), 32 * (1 + k)
+        blocks[y : y + 16, x : x + 16] += np.uint8(40)
+    assert judge_frame(blocks, before).doubt > 0.5
+    house = good.copy()
+    box = cv2.boxPoints(((120.0, 90.0), (90.0, 60.0), 12.0)).astype(np.int32)
+    cv2.fillPoly(house, [box], 190, cv2.LINE_AA)
+    seen = cv2.GaussianBlur(house, (0, 0), 0.7)  # no lens draws a step one pixel wide
+    assert judge_frame(seen, before).doubt < 0.3
+
+
 def test_verdicts_do_not_depend_on_left_and_right(rng, good, before):
     empty = good.copy()
     empty[150:] = 128

@@ -111,6 +111,31 @@ def test_a_picture_that_rolled_over_is_rejected(take):
     assert not verdict.ok and verdict.fault is Fault.TORN
 
 
+def test_ground_that_repeats_itself_has_not_rolled_over(rng):
+    """Laid a frame's height off, furrows fit too; but nothing cuts them."""
+    rows = np.sin(np.arange(1000) * 2.0 * np.pi / 20.0)[:, None] * np.ones(700)
+    field = np.clip(128.0 + 50.0 * rows + rng.normal(0.0, 3.0, rows.shape), 0, 255).astype(np.uint8)
+    before, frame = field[200:440, 100:420], field[230:470, 104:424]
+    assert judge_registered(frame, before, registered(Similarity2D.translation_of(4.0, 30.0))).ok
+
+
+@pytest.mark.parametrize(("first", "last", "off"), [(120, 240, 60.0), (160, 240, -50.0), (0, 90, 45.0)])
+def test_light_that_jumps_at_a_row_is_told(take, first, last, off):
+    """A decoder that lost a step of brightness goes on with another; all detail still fits."""
+    lit = take.frame.astype(np.float64)
+    lit[first:last] += off
+    verdict = take.judge(np.clip(lit, 0, 255).astype(np.uint8))
+    assert verdict.fault is Fault.BLOCKS
+    if verdict.ok:
+        assert (~verdict.mask[first + 8 : last - 8, 30:-30]).mean() > 0.9
+
+
+def test_a_shadow_and_a_change_of_exposure_are_no_jump(take):
+    ramp = 1.0 / (1.0 + np.exp(-np.linspace(-6.0, 6.0, SHAPE[0])))[:, None]
+    shaded = np.clip(take.frame * (1.0 - 0.5 * ramp), 0, 255).astype(np.uint8)
+    assert take.judge(shaded).fault is None
+
+
 def test_text_over_both_frames_is_masked_but_no_fault(take):
     """The telemetry of every frame: the frame is sound, its text is no ground."""
     frames = [take.before.copy(), take.frame.copy()]

@@ -82,7 +82,9 @@ def _drifted(clean: Grey, shown: Grey) -> npt.NDArray[np.bool_]:
     x, y = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
     dx, dy = (np.clip(f, -0.06 * w, 0.06 * w).astype(np.float32) for f in smooth)
     moved = cv2.remap(clean, x + dx, y + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return _beyond(np.asarray(moved, np.uint8), shown)
+    # what the clean picture does not reach to tells nothing, as where the frame is displaced as a whole
+    reached = (x + dx > -0.5) & (x + dx < w - 0.5) & (y + dy > -0.5) & (y + dy < h - 0.5)
+    return _beyond(np.asarray(moved, np.uint8), shown) & reached
 
 
 def seen_before(H_ground_previous: npt.NDArray[np.float64], H_ground_frame: npt.NDArray[np.float64], frame: Grey,

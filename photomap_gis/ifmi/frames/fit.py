@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.ifmi.frames.lightstep import LightStep, light_step
 from photomap_gis.ifmi.frames.look import FrameLook
 
 MEAN_SIDE_PX = 17
@@ -40,7 +41,8 @@ class Fit:
     ``seen`` is 1 where the predecessor showed the place too; ``misfit`` 1 where it showed something else there;
     ``still`` 1 where the frame shows what the predecessor showed at the same pixels although the ground moved.
     ``excess`` is what differs over what may. ``M_a_b`` maps coarse pixels of the frame into the predecessor's,
-    ``moved_px`` is how far, on average. ``agreement`` is the correlation of what was seen twice.
+    ``moved_px`` is how far, on average. ``agreement`` is the correlation of what was seen twice; ``light`` the largest
+    jump of its brightness.
     """
 
     seen: Mask8
@@ -50,6 +52,7 @@ class Fit:
     M_a_b: FloatArray
     moved_px: float
     agreement: float
+    light: LightStep
 
     @property
     def overlap(self) -> float:
@@ -71,8 +74,8 @@ def fit(look: FrameLook, before: FrameLook, H_a_b: FloatArray) -> Fit:
     if look.usable is not None:
         seen &= cv2.erode(look.usable, _FIVE, borderType=cv2.BORDER_CONSTANT, borderValue=255)
     weight = (seen > 0).astype(np.float32)
-    a = _detail(cv2.GaussianBlur(under, (3, 3), 0.7).astype(np.float32), weight)
-    b = _detail(cv2.GaussianBlur(b8, (3, 3), 0.7).astype(np.float32), weight)
+    soft_a, soft_b = (cv2.GaussianBlur(p, (3, 3), 0.7).astype(np.float32) for p in (under, b8))
+    a, b = _detail(soft_a, weight), _detail(soft_b, weight)
     a *= _gain(a, b)
     excess = _unexplained(a, b)
     energy = cv2.blur(excess * excess, (ENERGY_SIDE_PX, ENERGY_SIDE_PX))
@@ -87,7 +90,8 @@ def fit(look: FrameLook, before: FrameLook, H_a_b: FloatArray) -> Fit:
     agreement = float(np.vdot(a, b)) / norm if norm > 1.0 else 0.0
     moved = _mean_motion(M, w, h)
     still = _still(a8, b8) & misfit if moved > 1.5 else np.zeros_like(misfit)
-    return Fit(inside.astype(np.uint8), misfit, ratio, still, M, moved, agreement)
+    light = light_step(soft_a, soft_b, seen * (1 - cv2.dilate(still, _FIVE)))
+    return Fit(inside.astype(np.uint8), misfit, ratio, still, M, moved, agreement, light)
 
 
 def bars(a: ImageArray, b: ImageArray) -> npt.NDArray[np.bool_]:

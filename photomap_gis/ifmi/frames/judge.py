@@ -21,7 +21,7 @@ EMPTY_DEVIATION, EMPTY_NOISE, EMPTY_COHERENCE = 1.0, 2.7, 0.5
 FLAT_SHARE, FLAT_SHARE_ALONE = 0.33, 0.85
 STRIPED = 0.004
 SNOW_COHERENCE, SNOW_LIKENESS, SNOW_DEVIATION = 0.33, 0.35, 6.0
-SMEARED_SHARE, BLOCKY_SHARE = 0.32, 0.06
+SMEARED_SHARE, BLOCKY_SHARE, CORNERED_SHARE = 0.0125, 0.06, 0.003
 """Shares that are as good as certain; half of them is an even bet."""
 TORN_RATIO = 2.4
 """Two rows that differ so much more than those around them are an even bet."""
@@ -97,10 +97,11 @@ def _doubt(t: Traits, before: Traits, blurred: float) -> float:
         1.0,
         max(
             0.0,
-            (t.smeared - before.smeared) / SMEARED_SHARE,
+            (t.smeared - 1.5 * before.smeared) / SMEARED_SHARE,
             min(LIKELY, (t.blocky - 2.0 * before.blocky) / BLOCKY_SHARE),
+            min(LIKELY, (t.cornered - 2.0 * before.cornered) / CORNERED_SHARE),
             min(LIKELY, 0.5 * (t.tear / max(before.tear, 1.0) - 1.0) / (TORN_RATIO - 1.0)),
             0.75 * (t.flat_share - before.flat_share) / FLAT_SHARE,
-            1.0 / (1.0 + math.exp(min(-(blurred - blur.LIKELY), 50.0))),
+            1.0 / (1.0 + math.exp(min(-(blurred - blur.DOUBTFUL), 50.0))),
         ),
     )

@@ -46,26 +46,33 @@ class Misfit:
 def understand(fit: Fit, doubt: float = 0.0) -> Misfit:
     """Tell what does not fit in a comparison, and why; ``doubt`` (0..1) is how faulty the frame looks by itself."""
     places = cv2.morphologyEx(fit.misfit, cv2.MORPH_OPEN, _THREE)
-    if not places.any():
+    jumps = fit.light.size >= 1.0
+    if not places.any() and not jumps:
         return Misfit(places, 0.0, None)
     stale, drawn = _still_places(fit)
     made = _made_by_machines(places & (1 - drawn))
-    limit = (NAMED_SHARE if fit.overlap > WIDE_BASE else NAMED_SHARE_WIDE) * max(LEAST_LIMIT, 1.0 - doubt)
-    fault = _fault(made, stale, places & (1 - drawn), fit, limit)
+    fault = _fault(made, stale, places & (1 - drawn), fit, max(LEAST_LIMIT, 1.0 - doubt))
+    if jumps and fault in (None, Fault.BLOCKS):
+        fault, places = Fault.BLOCKS, places | (fit.light.beyond & fit.seen)
     # between two lost places of a fault nothing is to be trusted either, though nothing may show there
     whole = places if fault is None else cv2.morphologyEx(places, cv2.MORPH_CLOSE, _LARGE) & fit.seen
     lost = cv2.dilate(whole, _THREE if fault is None else _SEVEN)
     return Misfit(lost, float(np.count_nonzero(whole)) / whole.size, fault)
 
 
-def _fault(made: Mask8, stale: Mask8, loose: Mask8, fit: Fit, limit: float) -> Fault | None:
+def _fault(made: Mask8, stale: Mask8, loose: Mask8, fit: Fit, trust: float) -> Fault | None:
     if _is_torn(made, fit.seen):
         return Fault.TORN
-    if float(made.mean()) > limit:
+    named, scattered = (
+        (NAMED_SHARE, SCATTERED_SHARE)
+        if fit.overlap > WIDE_BASE
+        else (NAMED_SHARE_WIDE, SCATTERED_SHARE_WIDE * fit.overlap)
+    )
+    if float(made.mean()) > named * trust:
         return _name(made, stale)
-    if float(stale.mean()) > limit:
+    if float(stale.mean()) > named * trust:
         return Fault.STALE
-    if float(loose.mean()) > (SCATTERED_SHARE if fit.overlap > WIDE_BASE else SCATTERED_SHARE_WIDE * fit.overlap):
+    if float(loose.mean()) > scattered * trust:
         return Fault.BLOCKS
     return None
 

@@ -17,6 +17,7 @@ from photomap_gis.ifmi.frames.blur import LIKELY, blur_score
 from photomap_gis.ifmi.frames.fit import Fit, Mask8, fit
 from photomap_gis.ifmi.frames.look import FrameLook, look_at
 from photomap_gis.ifmi.frames.misfit import understand
+from photomap_gis.ifmi.frames.traits import cut_ratio
 from photomap_gis.ifmi.frames.verdict import GOOD, Fault, FrameVerdict, rejected
 
 LEAST_OVERLAP = 0.08
@@ -27,11 +28,14 @@ MASKED_SHARE = 0.01
 MOST_LOST = 0.45
 """Share of what both frames saw above which it is not sure any more which part is right."""
 BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
+BELIEVED_UNREGISTERED = 0.7
+"""A predecessor of other ground tells little of what is usual, so more doubt is asked for where nothing registers."""
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
+SEAM_ROWS, SEAM_RATIO, SEAM_OVER_USUAL = 20, 1.1, 1.05
 
 
 def judge_registered(
@@ -51,7 +55,7 @@ def judge_registered(
     if look.shape != before.shape:
         return GOOD
     if not registration.accepted:
-        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_UNREGISTERED else GOOD
     H = registration.T_a_b.matrix if registration.H_a_b is None else registration.H_a_b
     found = fit(look, before, np.asarray(H, np.float64))
     if found.overlap < LEAST_OVERLAP:
@@ -90,7 +94,21 @@ def _is_wrapped(look: FrameLook, before: FrameLook, found: Fit, H_a_b: FloatArra
             continue
         sign = 1.0 if lines[0] else -1.0
         shift = np.array([[1.0, 0.0, sign * dx], [0.0, 1.0, sign * dy], [0.0, 0.0, 1.0]])
+        if not _has_seam(look.fine, axis, lines):
+            continue
         other = fit(look, before, np.asarray(H_a_b @ shift, np.float64))
         if other.agreement > WRAPPED_AGREEMENT and other.overlap > WRAPPED_COVER * float(unseen.mean()):
             return True
     return False
+
+
+def _has_seam(fine: ImageArray, axis: int, unseen: npt.NDArray[np.bool_]) -> bool:
+    """Tell whether the picture is cut where the part that was not seen begins: ground that repeats itself is not."""
+    ratio = cut_ratio(fine if axis == 0 else np.ascontiguousarray(fine.T))
+    if not len(ratio):
+        return False
+    # the camera moved besides: the cut may lie anywhere in what was not seen
+    rows = cv2.resize(unseen.astype(np.uint8)[:, None], (1, len(ratio)), interpolation=cv2.INTER_NEAREST)
+    near = cv2.dilate(rows, np.ones((2 * SEAM_ROWS + 1, 1), np.uint8))[:, 0] > 0
+    usual = float(ratio[~near].max(initial=0.0))  # furrows along the axis cut it everywhere
+    return bool(ratio[near].max(initial=0.0) > max(SEAM_RATIO, SEAM_OVER_USUAL * usual))

@@ -25,8 +25,10 @@ SAME_LEVEL = 3.0
 DIRECTIONS = 8
 NEAR_PX, FAR_PX = 3, 16
 """Distances (coarse pixels) whose differences tell sharpness: a heavy blur takes the near ones away."""
-SMEAR_ROWS = 8
+SMEAR_ROWS, SMEAR_SIDE_PX, SMEAR_DETAIL = 16, 9, 1.0
 STEP_GREY = 14
+CORNER_GREY, CORNER_LONE, CORNER_RUN_PX, CORNER_PX = 12, 1.5, 6, 9
+"""A step by so many grey levels more than its factor times those beside it, so long, so near another."""
 STRIPS, TEAR_ROWS = 16, 13
 
 
@@ -38,7 +40,8 @@ class Traits:
     that of its means over 8 x 8 pixels relative to it, ``row_likeness`` the correlation of neighbouring rows: both
     near 0 for noise. ``near`` and ``far``, ``(8,)`` by direction from 0 to 180 degrees: mean squared differences of
     pixels 3 and 16 apart, noise taken off. ``smeared`` of it repeats the row (or the column) beside it; ``blocky`` of
-    it is cut off from its neighbours by straight steps, level and plumb; ``tear`` is how much two rows differ across
+    it is cut off from its neighbours by straight steps, level and plumb; ``cornered`` of it lies where such steps meet;
+    ``tear`` is how much two rows differ across
     the width against the rows around them.
     """
 
@@ -51,6 +54,7 @@ class Traits:
     far: FloatArray
     smeared: float
     blocky: float
+    cornered: float
     tear: float
 
 
@@ -61,9 +65,8 @@ def traits_of(fine: ImageArray, coarse: ImageArray) -> Traits:
     spurious = 2.0 * (0.5 * _noise(fine)) ** 2  # a coarse pixel is the mean of four
     picture = coarse.astype(np.float32)
     near, far = (np.maximum(_differences(picture, d) - spurious, 0.0) for d in (NEAR_PX, FAR_PX))
-    return Traits(
-        flat_share, flat_level, deviation, coherence, likeness, near, far, _smeared(coarse), _blocky(fine), _tear(fine)
-    )
+    smeared, blocky, cornered, tear = _smeared(fine), _blocky(fine), _cornered(fine), _tear(fine)
+    return Traits(flat_share, flat_level, deviation, coherence, likeness, near, far, smeared, blocky, cornered, tear)
 
 
 def _flat(coarse: ImageArray) -> tuple[float, float]:
@@ -114,21 +117,27 @@ def _differences(picture: FloatImage, distance_px: int) -> FloatArray:
     return out
 
 
-def _smeared(coarse: ImageArray) -> float:
-    """Return the share of the picture that changes along one axis only: what a decoder draws where data is missing."""
-    h, w = coarse.shape
-    if min(h, w) <= SMEAR_ROWS + 1:
+def _smeared(fine: ImageArray) -> float:
+    """Return the share of the picture whose rows (or columns) repeat each other to the bit although they have detail.
+
+    That is what a decoder draws where data is missing; a road or a roof along the axis has noise.
+    """
+    if min(fine.shape) <= SMEAR_ROWS + 1:
         return 0.0
-    _, still_down = cv2.threshold(cv2.absdiff(coarse[1:], coarse[:-1]), 1, 1, cv2.THRESH_BINARY_INV)
-    _, still_along = cv2.threshold(cv2.absdiff(coarse[:, 1:], coarse[:, :-1]), 1, 1, cv2.THRESH_BINARY_INV)
-    down = cv2.morphologyEx(still_down, cv2.MORPH_OPEN, np.ones((SMEAR_ROWS, 1), np.uint8))[:, :-1]
-    along = cv2.morphologyEx(still_along, cv2.MORPH_OPEN, np.ones((1, SMEAR_ROWS), np.uint8))[:-1]
-    near_down = cv2.blur(down * np.uint8(200), (5, 5))
-    near_along = cv2.blur(along * np.uint8(200), (5, 5))
-    return max(
-        float(np.count_nonzero((near_down > 140) & (near_along < 70))),
-        float(np.count_nonzero((near_along > 140) & (near_down < 70))),
-    ) / down.size  # fmt: skip
+    return max(_streaks(fine), _streaks(np.ascontiguousarray(fine.T)))
+
+
+def _streaks(fine: ImageArray) -> float:
+    down = cv2.absdiff(fine[1:], fine[:-1])[:, :-1]
+    _, same = cv2.threshold(down, 0, 1, cv2.THRESH_BINARY_INV)
+    runs = cv2.morphologyEx(same, cv2.MORPH_OPEN, np.ones((SMEAR_ROWS, 1), np.uint8))
+    if not runs.any():
+        return 0.0
+    along = cv2.absdiff(fine[:, 1:], fine[:, :-1])[:-1]
+    side = (SMEAR_SIDE_PX, SMEAR_SIDE_PX)
+    detail, change = (cv2.blur(v.astype(np.float32), side) for v in (along, down))
+    most = cv2.blur(runs * np.uint8(200), (5, 5)) > 120
+    return float(np.count_nonzero(most & (detail > SMEAR_DETAIL) & (detail > 4.0 * change))) / down.size
 
 
 def _blocky(fine: ImageArray) -> float:
@@ -144,6 +153,33 @@ def _blocky(fine: ImageArray) -> float:
     return min(plumb, level)
 
 
+def _cornered(fine: ImageArray) -> float:
+    """Return the share of the area where such steps meet: the corners of blocks.
+
+    Fainter steps count than in ``_blocky``, if they are of one sign along their run: two edges that meet so are rare.
+    """
+    if min(fine.shape) < 16:
+        return 0.0
+    near = np.ones((CORNER_PX, CORNER_PX), np.uint8)
+    plumb = cv2.dilate(_runs(fine), near)
+    level = cv2.dilate(np.ascontiguousarray(_runs(np.ascontiguousarray(fine.T)).T), near)
+    return float(np.count_nonzero(plumb & level)) / fine.size
+
+
+def _runs(fine: ImageArray) -> npt.NDArray[np.uint8]:
+    """``(h, w)`` 1 where plumb steps of one sign run down; the pixel left of each step."""
+    left, right = fine[:, :-1], fine[:, 1:]
+    size = cv2.absdiff(right, left)
+    beside = cv2.max(size[:, :-2], size[:, 2:])
+    out = np.zeros(fine.shape, np.uint8)
+    run = np.ones((CORNER_RUN_PX, 1), np.uint8)
+    for step in (cv2.subtract(right, left), cv2.subtract(left, right)):  # 0 where the sign is the other
+        lone = cv2.addWeighted(step[:, 1:-1], 1.0, beside, -CORNER_LONE, 0.0)
+        _, lone = cv2.threshold(lone, CORNER_GREY, 1, cv2.THRESH_BINARY)
+        out[:, 1:-2] |= np.asarray(cv2.morphologyEx(lone, cv2.MORPH_OPEN, run), np.uint8)
+    return out
+
+
 def _straight(step: ImageArray, beside: ImageArray, run_hw: tuple[int, int]) -> float:
     lone = cv2.addWeighted(step, 1.0, beside, -3.0, 0.0)
     _, lone = cv2.threshold(lone, STEP_GREY, 1, cv2.THRESH_BINARY)
@@ -153,12 +189,20 @@ def _straight(step: ImageArray, beside: ImageArray, run_hw: tuple[int, int]) -> 
 
 def _tear(fine: ImageArray) -> float:
     """Return how much the rows differ where they differ most, in three of four strips, against the rows around."""
+    return float(cut_ratio(fine)[3:-3].max(initial=0.0))
+
+
+def cut_ratio(fine: ImageArray) -> FloatImage:
+    """``(h - 1,)`` how much each row differs from the next, in three of four strips, against the rows around.
+
+    Empty where the picture is too small to tell.
+    """
     h, w = fine.shape
     if h < 16 or w < STRIPS:
-        return 0.0
+        return np.zeros(0, np.float32)
     step = cv2.resize(
         cv2.absdiff(fine[1:], fine[:-1]).astype(np.float32), (STRIPS, h - 1), interpolation=cv2.INTER_AREA
     )
     around = (TEAR_ROWS * cv2.blur(step, (1, TEAR_ROWS)) - step) / (TEAR_ROWS - 1.0)
-    ratio = np.partition(step / (around + 1.0), STRIPS // 4, axis=1)[3:-3, STRIPS // 4]
-    return float(ratio.max())
+    ratio: FloatImage = np.partition(step / (around + 1.0), STRIPS // 4, axis=1)[:, STRIPS // 4]
+    return ratio
