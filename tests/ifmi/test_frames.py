@@ -176,7 +176,7 @@ def test_a_few_corners_of_blocks_raise_doubt_and_eaves_do_not(rng, good, before)
     box = cv2.boxPoints(((120.0, 90.0), (90.0, 60.0), 12.0)).astype(np.int32)
     cv2.fillPoly(house, [box], 190, cv2.LINE_AA)
     seen = cv2.GaussianBlur(house, (0, 0), 0.7)  # no lens draws a step one pixel wide
-    assert judge_frame(seen, before).doubt < 0.3
+    assert look_at(seen).traits.cornered == 0.0
 
 
 def test_verdicts_do_not_depend_on_left_and_right(rng, good, before):
