@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from .score import Interval
 
-Unit = Literal["%", "px", "deg", "ms", "/s", "x", ""]
+Unit = Literal["%", "px", "deg", "ms", "s", "m", "/s", "x", ""]
 PERCENT_DIGITS, OTHER_DIGITS = 2, 3
 
 

@@ -29,6 +29,8 @@ from photomap_gis.slam.problem import Problem, State, Weights
 
 ITERATIONS_A_LINEARISATION = 4
 """After so many iterations the linear factors are renewed about the new poses."""
+RELATIVE_ERROR_TOL = 1e-4
+"""Steps shrink quadratically: one that gains less than this is followed by none that matters."""
 
 
 def minimise(problem: Problem, weights: Weights, start: State, *, max_iterations: int = 20) -> State:
@@ -42,7 +44,7 @@ def minimise(problem: Problem, weights: Weights, start: State, *, max_iterations
         _add_unary(graph, values, problem, weights, state)
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(min(left, ITERATIONS_A_LINEARISATION))
-        parameters.setRelativeErrorTol(1e-5)
+        parameters.setRelativeErrorTol(RELATIVE_ERROR_TOL)
         parameters.setlambdaInitial(1e-9)
         moved = _state(gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize(), problem)
         left -= ITERATIONS_A_LINEARISATION
@@ -56,7 +58,7 @@ def minimise(problem: Problem, weights: Weights, start: State, *, max_iterations
 
 def _similarity(w: complex, t: complex) -> gtsam.Similarity2:
     s = math.exp(w.real)
-    return gtsam.Similarity2(gtsam.Rot2(w.imag), np.array([t.real, t.imag]) / s, s)
+    return gtsam.Similarity2(gtsam.Rot2(w.imag), np.array([t.real / s, t.imag / s]), s)
 
 
 def _pose_key(node: int) -> int:
@@ -75,15 +77,14 @@ def _edge_factors(problem: Problem, weights: Weights, state: State) -> gtsam.Non
     graph = gtsam.NonlinearFactorGraph()
     e = problem.edges
     information = weights.edges[:, None, None] * e.information
-    for k in range(len(e)):
-        noise = gtsam.noiseModel.Gaussian.Information(information[k])
-        measured = _similarity(complex(e.w[k]), complex(e.t[k]))
-        graph.push_back(gtsam.BetweenFactorSimilarity2(_pose_key(int(e.a[k])), _pose_key(int(e.b[k])), measured, noise))
-    for node in problem.fixed:
+    # thousands of edges: numbers leave numpy all at once, keys are made once a pose
+    keys = [_pose_key(k) for k in range(problem.n_nodes)]
+    for a, b, w, t, one in zip(e.a.tolist(), e.b.tolist(), e.w.tolist(), e.t.tolist(), information, strict=True):
+        noise = gtsam.noiseModel.Gaussian.Information(one, False)
+        graph.push_back(gtsam.BetweenFactorSimilarity2(keys[a], keys[b], _similarity(w, t), noise))
+    for node in problem.fixed.tolist():
         at = _similarity(complex(state.w[node]), complex(state.t[node]))
-        graph.push_back(
-            gtsam.PriorFactorSimilarity2(_pose_key(int(node)), at, gtsam.noiseModel.Diagonal.Sigmas(GAUGE_SIGMA))
-        )
+        graph.push_back(gtsam.PriorFactorSimilarity2(keys[node], at, gtsam.noiseModel.Diagonal.Sigmas(GAUGE_SIGMA)))
     return graph
 
 

@@ -74,7 +74,7 @@ def backend_named(backend: Backend) -> Minimise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Placed:
+class Placed:
     """The nodes that could be placed, the problem over them, the rows of the edges in it, and its solution."""
 
     nodes: IntArray
@@ -83,8 +83,20 @@ class _Placed:
     robust: RobustState
 
 
+def optimised_poses(graph: PoseGraph, *, backend: Backend = "auto") -> Placed:
+    """Return the robustly optimised poses of a graph as arrays, without their covariances (for measurements)."""
+    return _optimised(graph, backend_named(backend))[0]
+
+
 def _solved(graph: PoseGraph, minimise: Minimise) -> Solution:
     """Return the solution of the graph as it is; parts that rejected edges leave alone are laid out anew."""
+    placed, labels, rejected = _optimised(graph, minimise)
+    frames = np.array(sorted(set(graph.frames)), np.intp)
+    return _solution(graph, frames, placed, labels, rejected)
+
+
+def _optimised(graph: PoseGraph, minimise: Minimise) -> tuple[Placed, IntArray, IntArray]:
+    """Return the placed nodes, the labels of all nodes' components, and the rows of the rejected edges."""
     frames = np.array(sorted(set(graph.frames)), np.intp)
     node_of = {int(f): k for k, f in enumerate(frames)}
     usable = _usable(graph.edges, node_of)
@@ -100,8 +112,7 @@ def _solved(graph: PoseGraph, minimise: Minimise) -> Solution:
         before, labels = labels, component_labels(len(frames), edges.a[kept], edges.b[kept])
         if np.array_equal(before, labels):
             break
-    rejected = np.setdiff1d(np.arange(len(graph.edges)), usable[kept])
-    return _solution(graph, frames, placed, labels, rejected)
+    return placed, labels, np.setdiff1d(np.arange(len(graph.edges)), usable[kept])
 
 
 def _laid_out(
@@ -120,9 +131,7 @@ def _laid_out(
     return kept, relative
 
 
-def _place(
-    graph: PoseGraph, frames: IntArray, edges: EdgeTerms, relative: RelativePoses, minimise: Minimise
-) -> _Placed:
+def _place(graph: PoseGraph, frames: IntArray, edges: EdgeTerms, relative: RelativePoses, minimise: Minimise) -> Placed:
     """Anchor and optimise everything that these edges and the graph's observations tie down."""
     node_of = {int(f): k for k, f in enumerate(frames)}
     positions, _, _ = position_terms(graph.positions, node_of)
@@ -152,11 +161,11 @@ def _place(
     )  # fmt: skip
     start = State.of_poses(w[nodes], t[nodes], problem)
     trust = Weights.ones(problem).with_edges(relative.edge_weights[inside])
-    return _Placed(nodes, problem, inside, optimise(problem, start, trust, minimise))
+    return Placed(nodes, problem, inside, optimise(problem, start, trust, minimise))
 
 
 def _solution(
-    graph: PoseGraph, frames: IntArray, placed: _Placed, labels: IntArray, rejected: npt.NDArray[np.intp]
+    graph: PoseGraph, frames: IntArray, placed: Placed, labels: IntArray, rejected: npt.NDArray[np.intp]
 ) -> Solution:
     """Put poses, covariances, segments and residuals together."""
     problem, robust = placed.problem, placed.robust
