@@ -236,7 +236,7 @@ def map_frame_here() -> MapFrame:
 
 def graph_of(
     rng: np.random.Generator, flown: Flown, *, gps: GpsNoise | None = GPS, noise: EdgeNoise | None = None,
-    loops: int | None = None, least: float = 0.3, false: float = 0.0,
+    loops: int | None = None, least: float = 0.3, false: float = 0.0, late_s: float = 0.0,
 ) -> PoseGraph:  # fmt: skip
     """Return the flight's graph, with fixes, heights and headings as the product takes them, or without any."""
     builder = GraphBuilder()
@@ -245,7 +245,7 @@ def graph_of(
     add_registrations(rng, builder, flown, noise=noise, loops=loops, least=least, false=false)
     if gps is not None:
         map_frame = map_frame_here()
-        seen = observe(frame_refs(rng, flown, map_frame, gps), map_frame)
+        seen = observe(frame_refs(rng, flown, map_frame, gps, late_s=late_s), map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
     return builder.snapshot()
 

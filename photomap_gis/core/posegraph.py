@@ -16,6 +16,10 @@ import numpy as np
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 
+BELIEVED_SIGMAS = 4.0
+MIN_LAG_S = 0.1
+"""A lag of fixes is corrected from so many of its sigmas, and from so much, on."""
+
 
 class EdgeKind(StrEnum):
     """Why two frames were registered to each other."""
@@ -108,13 +112,27 @@ class Pose:
     segment: int
 
 
+@dataclass(frozen=True, slots=True)
+class FixLag:
+    """How much older a flight's fixes are than its pictures, by the motion seen, and the one-sigma of that."""
+
+    lag_s: float
+    sigma_s: float
+
+    @property
+    def believed(self) -> bool:
+        """Whether it is told well enough to be corrected, and moves fixes by more than noise."""
+        return abs(self.lag_s) >= max(BELIEVED_SIGMAS * self.sigma_s, MIN_LAG_S)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     """What the solver returns: a pose for every frame that the graph ties to something.
 
     ``segments`` are numbered by size, the largest 0: within one, frames are tied to each other by registrations.
-    ``rejected`` are indices into ``graph.edges`` of the edges that the robust solver put aside. ``fix_lags_s`` tells by
-    flight how much older its fixes were found to be than its pictures; they were corrected for it.
+    ``rejected`` are indices into ``graph.edges`` of the edges that the robust solver put aside. ``fix_lags`` tells by
+    flight how much older its fixes were found to be than its pictures, where its motion told; believed ones were
+    corrected (``fix_lags_s``).
     """
 
     poses: tuple[Pose, ...]
@@ -122,7 +140,12 @@ class Solution:
     rejected: tuple[int, ...] = ()
     revision: int = 0
     fit_to_gps_rms_m: float | None = None
-    fix_lags_s: Mapping[int, float] = field(default_factory=dict)
+    fix_lags: Mapping[int, FixLag] = field(default_factory=dict)
+
+    @property
+    def fix_lags_s(self) -> dict[int, float]:
+        """The lags that were corrected, by flight."""
+        return {flight: lag.lag_s for flight, lag in self.fix_lags.items() if lag.believed}
 
     def pose_of(self, frame: int) -> Pose | None:
         """Return the pose of a frame, or ``None``."""

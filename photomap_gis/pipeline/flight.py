@@ -91,4 +91,5 @@ def map_flight(
         warnings=(*mission.header.warnings, *solved.warnings),
         reasons=solved.count_reasons(),
         outputs=tuple(str(p) for p in outputs),
+        track_lags=solved.track_lags({f.id: f.name for f in mission.flights}),
     )

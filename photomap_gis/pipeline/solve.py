@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement, PlanePlacement
-from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.posegraph import FixLag, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
@@ -47,6 +47,7 @@ class Solved:
     fit_to_gps_rms_m: float | None = None
     predicted_ce90_m: float | None = None
     warnings: tuple[str, ...] = ()
+    fix_lags: Mapping[int, FixLag] = field(default_factory=dict)
 
     @property
     def georeferenced(self) -> bool:
@@ -115,6 +116,15 @@ class Solved:
             found.append(Cluster(poses, outlines, {p.frame: p.segment for p in group}))
         return found
 
+    def track_lags(self, names: Mapping[int, str]) -> dict[str, dict[str, float | bool]]:
+        """Return by flight how much older its positions were than its pictures, where its motion tells."""
+        return {
+            names.get(flight, str(flight)): {
+                "lag_s": round(lag.lag_s, 3), "sigma_s": round(lag.sigma_s, 3), "corrected": lag.believed
+            }
+            for flight, lag in sorted(self.fix_lags.items())
+        }  # fmt: skip
+
     def save(self, mission: Mission) -> None:
         """Keep the solution in the mission folder."""
         placed = {p.frame: p for p in self.trajectory.placements}
@@ -134,6 +144,7 @@ class Solved:
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
             "predicted_ce90_m": self.predicted_ce90_m,
             "warnings": list(self.warnings),
+            "fix_lags": {str(flight): [lag.lag_s, lag.sigma_s] for flight, lag in self.fix_lags.items()},
         }
         mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
 
@@ -166,6 +177,7 @@ class Solved:
             kept.summary.get("fit_to_gps_rms_m"),
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
+            {int(flight): FixLag(*lag) for flight, lag in kept.summary.get("fix_lags", {}).items()},
         )
 
 
@@ -192,7 +204,7 @@ def solve_mission(
         seen = observe(usable, map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
     graph = builder.snapshot()
-    solution = solve(graph)
+    solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
     predicted = accuracy(solution, graph)
     slopes = slopes_of_frames(graph.edges)
     tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
@@ -222,7 +234,8 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s)),
+        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags)),
+        solution.fix_lags,
     )
 
 
@@ -270,10 +283,17 @@ def plane_outline(view: PlaneView) -> FloatArray:
     return view.to_plane([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
 
 
-def _lag_warnings(mission: Mission, lags_s: Mapping[int, float]) -> list[str]:
+def _lag_warnings(mission: Mission, lags: Mapping[int, FixLag]) -> list[str]:
     names = {f.id: f.name for f in mission.flights}
-    words = "{}: positions were {:+.1f} s older than the pictures by the motion seen; corrected"
-    return [words.format(names.get(flight, flight), lag) for flight, lag in sorted(lags_s.items())]
+    words = (
+        "{}: positions were {:+.2f} s older than the pictures by the motion seen (sigma {:.2f} s); corrected; "
+        "--track-offset SECONDS sets it"
+    )
+    return [
+        words.format(names.get(flight, flight), lag.lag_s, lag.sigma_s)
+        for flight, lag in sorted(lags.items())
+        if lag.believed
+    ]
 
 
 def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...]:

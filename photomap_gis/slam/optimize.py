@@ -45,21 +45,24 @@ MAX_SPLITS = 4
 """How often a graph that falls apart under rejection is laid out anew."""
 
 
-def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
+def solve(graph: PoseGraph, *, backend: Backend = "auto", find_lag: bool = True) -> Solution:
     """Return the poses of every frame that the graph ties to something, with covariances.
 
     With fixes, poses are in map metres, and a component without any fix is left out; without, each component of two
     or more frames lies in the frame (pixels) of its first one. Frames with a fix but no accepted edge are placed by
-    their fix alone. Fixes that are late by the same time all along a flight are taken for when they were true.
+    their fix alone. Fixes that are late by the same time all along a flight are taken for when they were true, unless
+    ``find_lag`` is off (the user told the time).
     """
     minimise = backend_named(backend)
     solution = _solved(graph, minimise)
+    if not find_lag:
+        return solution
     lags = lags_by_flight(solution, graph.positions)
-    if lags:
-        logger.info("fixes are older than their pictures by (s, by flight): %s", lags)
-        solution = _solved(replace(graph, positions=without_lag(solution, graph.positions, lags)), minimise)
-        solution = replace(solution, fix_lags_s=lags)
-    return solution
+    believed = {flight: lag.lag_s for flight, lag in lags.items() if lag.believed}
+    if believed:
+        logger.info("fixes are older than their pictures by (s, by flight): %s", believed)
+        solution = _solved(replace(graph, positions=without_lag(solution, graph.positions, believed)), minimise)
+    return replace(solution, fix_lags=lags)
 
 
 def backend_named(backend: Backend) -> Minimise:
