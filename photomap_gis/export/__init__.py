@@ -2,6 +2,8 @@
 
 from photomap_gis.export.footprint import footprint
 from photomap_gis.export.geotiff import write_geotiff
+from photomap_gis.export.graph import SolvedGraph, write_g2o, write_graph_geojson
+from photomap_gis.export.graph_picture import write_graph_picture
 from photomap_gis.export.kml import write_kmz
 from photomap_gis.export.mbtiles import write_mbtiles
 from photomap_gis.export.over import Replacement, write_over
@@ -12,12 +14,16 @@ from photomap_gis.export.warp import overview, target_grid, warped
 __all__ = [
     "PoseRow",
     "Replacement",
+    "SolvedGraph",
     "footprint",
     "overview",
     "pose_rows",
     "target_grid",
     "warped",
+    "write_g2o",
     "write_geotiff",
+    "write_graph_geojson",
+    "write_graph_picture",
     "write_kmz",
     "write_mbtiles",
     "write_over",

@@ -2,7 +2,8 @@
 
 from photomap_gis.pipeline.deliver import Format, export_mission
 from photomap_gis.pipeline.flight import map_flight
+from photomap_gis.pipeline.graph import export_graph
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.pipeline.summary import MapSummary
 
-__all__ = ["Format", "MapSettings", "MapSummary", "export_mission", "map_flight"]
+__all__ = ["Format", "MapSettings", "MapSummary", "export_graph", "export_mission", "map_flight"]

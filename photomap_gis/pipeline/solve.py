@@ -12,7 +12,7 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement, PlanePlacement
-from photomap_gis.core.posegraph import FixLag, Trajectory
+from photomap_gis.core.posegraph import FixLag, PoseGraph, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
@@ -191,19 +191,8 @@ def solve_mission(
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     usable = [f for f in frames if prepared[f.index].usable]
-    leanings = _leanings({f.index: f for f in usable}, measurements.accepted, prepared)
-    builder = GraphBuilder()
-    for ref in usable:
-        builder.add_frame(ref.index)
-    for r in measurements.accepted:
-        builder.add_registration(
-            r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, kind=r.kind,
-            leaning=(leanings[r.a], leanings[r.b]) if {r.a, r.b} <= leanings.keys() else None,
-        )  # fmt: skip
-    if map_frame.crs_wkt is not None:
-        seen = observe(usable, map_frame)
-        builder.observe(seen.positions, seen.scales, seen.headings)
-    graph = builder.snapshot()
+    leanings = leanings_of({f.index: f for f in usable}, measurements.accepted, prepared)
+    graph = build_graph(usable, measurements.accepted, prepared, map_frame, leanings)
     solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
     predicted = accuracy(solution, graph)
     slopes = slopes_of_frames(graph.edges)
@@ -239,7 +228,29 @@ def solve_mission(
     )
 
 
-def _leanings(
+def build_graph(
+    usable: Sequence[FrameRef],
+    accepted: Sequence[RegistrationRecord],
+    prepared: Mapping[int, PreparedFrame],
+    map_frame: MapFrame,
+    leanings: Mapping[int, Leaning],
+) -> PoseGraph:
+    """Return the graph of accepted registrations and of what fixes, heights and attitudes say."""
+    builder = GraphBuilder()
+    for ref in usable:
+        builder.add_frame(ref.index)
+    for r in accepted:
+        builder.add_registration(
+            r.registration, prepared[r.a].T_plane_work, prepared[r.b].T_plane_work, kind=r.kind,
+            leaning=(leanings[r.a], leanings[r.b]) if {r.a, r.b} <= leanings.keys() else None,
+        )  # fmt: skip
+    if map_frame.crs_wkt is not None:
+        seen = observe(usable, map_frame)
+        builder.observe(seen.positions, seen.scales, seen.headings)
+    return builder.snapshot()
+
+
+def leanings_of(
     refs: Mapping[int, FrameRef], accepted: Sequence[RegistrationRecord], prepared: Mapping[int, PreparedFrame]
 ) -> dict[int, Leaning]:
     """Return how the frames' planes must be levelled still, flight by flight.

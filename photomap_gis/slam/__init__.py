@@ -2,6 +2,7 @@
 
 from photomap_gis.slam.build import GraphBuilder, bend_of
 from photomap_gis.slam.candidates import Candidate, candidates
+from photomap_gis.slam.misfit import edge_misfits
 from photomap_gis.slam.optimize import solve
 from photomap_gis.slam.place import placements
 from photomap_gis.slam.slope import slopes_of_frames
@@ -13,6 +14,7 @@ __all__ = [
     "Leaning",
     "bend_of",
     "candidates",
+    "edge_misfits",
     "estimate_tilts",
     "leans",
     "level_from_tilt",

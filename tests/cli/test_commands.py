@@ -45,6 +45,22 @@ def test_map_in_words(flight, mission, capsys):
     assert "geotiff" in err
 
 
+def test_graph_is_drawn_and_written(mission, tmp_path, capsys):
+    assert main(["graph", str(mission), "-q"]) == 0
+    assert capsys.readouterr().out.strip() == str(mission / "graph.png")
+    assert (mission / "graph.png").read_bytes().startswith(b"\x89PNG")
+    out = tmp_path / "graph.geojson"
+    assert main(["graph", str(mission), "-o", str(out), "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["outputs"] == [str(out)]
+    kinds = [f["properties"].get("kind") for f in json.loads(out.read_text())["features"]]
+    told = json.loads((mission / "solution.json").read_text())["placements"]
+    assert kinds.count(None) == sum(p["T_map_plane"] is not None for p in told)
+    assert kinds.count("sequential") >= 3
+    assert main(["graph", str(mission), "-o", str(tmp_path / "graph.svg"), "-q"]) == 2
+    assert ".g2o" in capsys.readouterr().err
+    assert main(["graph", str(tmp_path)]) == 3
+
+
 def test_info(flight, capsys):
     assert main(["info", str(flight / "photos"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 6

@@ -1,0 +1,60 @@
+"""A mission's pose graph, taken from its journals again, for other programs and for the eye."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from photomap_gis.core.errors import DataError, UsageError
+from photomap_gis.core.posegraph import EdgeKind
+from photomap_gis.export import SolvedGraph, write_g2o, write_graph_geojson, write_graph_picture
+from photomap_gis.pipeline.settings import Progress
+from photomap_gis.pipeline.solve import build_graph, leanings_of
+from photomap_gis.slam import edge_misfits, solve
+from photomap_gis.store import Mission
+
+_WRITERS: dict[str, Callable[[SolvedGraph, Path], None]] = {
+    ".png": write_graph_picture,
+    ".geojson": write_graph_geojson,
+    ".g2o": write_g2o,
+}
+DEFAULT_NAME = "graph.png"
+
+
+def export_graph(
+    folder: Path, out: Path | None = None, *, on_progress: Progress = lambda stage, done, total: None
+) -> Path:
+    """Write a mission's pose graph as the name of ``out`` says (.png, .geojson, .g2o) and return the file."""
+    path = folder / DEFAULT_NAME if out is None else out
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise UsageError(f"-o {path} must end in {', '.join(_WRITERS)}: the ending says the format")
+    with Mission.open(folder) as mission:
+        solved = solved_graph(mission, on_progress)
+    writer(solved, path)
+    return path
+
+
+def solved_graph(mission: Mission, on_progress: Progress) -> SolvedGraph:
+    """Solve a mission's graph with its loops and without; ``DataError`` where it has no registration."""
+    prepared = {p.frame: p for p in mission.prepared}
+    frames = [f for f in mission.frames if f.index in prepared and prepared[f.index].usable]
+    known = {f.index for f in frames}
+    # a failure after a success does not undo it
+    newest = {(min(r.a, r.b), max(r.a, r.b)): r for r in mission.registrations if r.accepted}
+    accepted = [r for r in newest.values() if {r.a, r.b} <= known]
+    if not accepted:
+        raise DataError(f"{mission.folder} holds no registration yet: run 'photomap map' on its sources again")
+    leanings = leanings_of({f.index: f for f in frames}, accepted, prepared)
+    graph = build_graph(frames, accepted, prepared, mission.header.map_frame, leanings)
+    on_progress("solve", 0, 2)
+    chain = replace(graph, edges=tuple(e for e in graph.edges if e.kind is EdgeKind.SEQUENTIAL))
+    # without fixes: they would hide by how much the chain drifts
+    sequential = solve(replace(chain, positions=(), scales=(), headings=()))
+    on_progress("solve", 1, 2)
+    told = mission.header.settings.get("ingest", {}).get("track_offset_s") is not None
+    solution = solve(graph, find_lag=not told)
+    on_progress("solve", 2, 2)
+    names = {f.index: f.name for f in frames}
+    return SolvedGraph(graph, solution, sequential, edge_misfits(graph, solution), mission.header.map_frame, names)
