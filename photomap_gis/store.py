@@ -5,6 +5,7 @@
     MISSION/
       mission.json          what was asked for, and where the map frame lies (replaced whole)
       frames.jsonl          one FrameRef a line, with the flights (journals: only ever appended)
+      tracks.jsonl          the track of a flight a line, where a log gave the frames their places
       prepared.jsonl        one verdict a frame: usable or not, and where its working image lies in its plane
       registrations.jsonl   one registration a line, whether accepted or not
       solution.json         the placements of the newest solution, and every frame's status (replaced whole)
@@ -28,7 +29,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from photomap_gis.core.errors import DataError, OutputError, UsageError
-from photomap_gis.core.frame import Flight, Footage, FrameRef, FrameStatus
+from photomap_gis.core.frame import Flight, FlightTrack, Footage, FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.posegraph import EdgeKind
@@ -206,6 +207,7 @@ class Mission:
         self.folder = folder
         self.header = header
         self.flights: Journal[Flight] = Journal(folder / "flights.jsonl", Flight)
+        self.tracks: Journal[FlightTrack] = Journal(folder / "tracks.jsonl", FlightTrack)
         self.frames: Journal[FrameRef] = Journal(folder / "frames.jsonl", FrameRef)
         self.prepared: Journal[PreparedFrame] = Journal(folder / "prepared.jsonl", PreparedFrame)
         self.registrations: Journal[RegistrationRecord] = Journal(folder / "registrations.jsonl", RegistrationRecord)
@@ -222,7 +224,13 @@ class Mission:
         except OSError as error:
             raise OutputError(f"cannot write {folder}: {error.strerror}; choose another folder by -o") from error
         mission = cls(folder, header)
-        for stale in ("flights", "frames", "prepared", "registrations"):  # of a run killed before it had a header
+        for stale in (
+            "flights",
+            "tracks",
+            "frames",
+            "prepared",
+            "registrations",
+        ):  # of a run killed before it had a header
             (folder / f"{stale}.jsonl").unlink(missing_ok=True)
         mission.add_footage(footage)
         mission.save_header(header)  # last: a folder with a header has its frames
@@ -251,7 +259,7 @@ class Mission:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for journal in (self.flights, self.frames, self.prepared, self.registrations):
+        for journal in (self.flights, self.tracks, self.frames, self.prepared, self.registrations):
             journal.close()
 
     def save_header(self, header: MissionHeader) -> None:
@@ -260,8 +268,9 @@ class Mission:
         self.header = header
 
     def add_footage(self, footage: Footage) -> None:
-        """Append flights and frames."""
+        """Append flights, tracks and frames."""
         self.flights.extend(footage.flights)
+        self.tracks.extend(footage.tracks)
         self.frames.extend(footage.frames)
 
     def save_solution(self, solution: SolutionRecord) -> None:

@@ -174,12 +174,31 @@ class Flight:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackFix:
+    """One record of a track: where the camera was, by its frames' clock (``FrameRef.time_s``, else ``pts_s``)."""
+
+    time_s: float
+    fix: GpsFix
+    height_m: float | None = None
+    attitude: Attitude | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FlightTrack:
+    """The track of one flight, kept so that its frames can be given their places anew when clocks prove apart."""
+
+    flight: int
+    points: tuple[TrackFix, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Footage:
     """What ingest found: every frame in order of flight and time, and what the user should know about it."""
 
     frames: tuple[FrameRef, ...]
     flights: tuple[Flight, ...]
     warnings: tuple[str, ...] = field(default=())
+    tracks: tuple[FlightTrack, ...] = field(default=())
 
 
 def _ned_from_euler(yaw: float, pitch: float, roll: float) -> FloatArray:

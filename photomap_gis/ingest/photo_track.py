@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.errors import DataError
-from photomap_gis.core.frame import Attitude, Flight, Footage, FrameRef, GpsFix
+from photomap_gis.core.frame import Attitude, Flight, FlightTrack, Footage, FrameRef, GpsFix
+from photomap_gis.ingest.kept_track import kept_track
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.sync import Placed, place_photos
 from photomap_gis.ingest.telemetry.read import read_track
@@ -34,7 +35,21 @@ def place_by_track(footage: Footage, options: IngestOptions) -> Footage:
             frames[position] = _with_point(frames[position], point)
         reached = {frames[p].flight for p, point in zip(positions, part.points, strict=True) if point is not None}
         flights = [_with_track(f, track, part.offset_s) if f.id in reached else f for f in flights]
-    return Footage(tuple(frames), tuple(flights), (*footage.warnings, *dict.fromkeys(warnings)))
+    tracks = [
+        kept
+        for positions, part in placed
+        for flight in dict.fromkeys(footage.frames[p].flight for p in positions)
+        if (kept := _kept(track, flight, positions, part, footage)) is not None
+    ]
+    said = (*footage.warnings, *dict.fromkeys(warnings))
+    return Footage(tuple(frames), tuple(flights), said, (*footage.tracks, *tracks))
+
+
+def _kept(track: Track, flight: int, positions: Sequence[int], part: Placed, footage: Footage) -> FlightTrack | None:
+    """Return what is kept of the track for one flight."""
+    frames = [footage.frames[p] for p in positions]
+    own = [(f, q) for f, q in zip(frames, part.points, strict=True) if f.flight == flight]
+    return kept_track(track, flight, [f for f, _ in own], [q for _, q in own])
 
 
 def _place(

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from photomap_gis.core.errors import DataError, FrameReadError
-from photomap_gis.core.frame import Flight, Footage, Frame, FrameRef
+from photomap_gis.core.frame import Flight, FlightTrack, Footage, Frame, FrameRef
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.photo_flights import natural_key
 from photomap_gis.ingest.photos import photo_footage
@@ -70,22 +70,24 @@ def open_sources(
 
 def _renumber(parts: Sequence[Footage], warnings: Sequence[str], first_index: int, first_flight: int) -> Footage:
     """Join the parts: flights in order of time (unknown ones last), each with its frames in their order."""
-    flown: list[tuple[float, Flight, list[FrameRef]]] = []
+    flown: list[tuple[float, Flight, list[FrameRef], list[FlightTrack]]] = []
     for part in parts:
         for flight in part.flights:
             members = [f for f in part.frames if f.flight == flight.id]
             start = min((f.time_s for f in members if f.time_s is not None), default=math.inf)
-            flown.append((start, flight, members))
+            flown.append((start, flight, members, [t for t in part.tracks if t.flight == flight.id]))
     frames: list[FrameRef] = []
     flights: list[Flight] = []
-    for _, flight, members in sorted(flown, key=lambda f: f[0]):
+    tracks: list[FlightTrack] = []
+    for _, flight, members, kept in sorted(flown, key=lambda f: f[0]):
         flights.append(replace(flight, id=first_flight + len(flights)))
+        tracks += [replace(t, flight=flights[-1].id) for t in kept]
         frames += [
             replace(frame, index=first_index + len(frames) + i, flight=flights[-1].id)
             for i, frame in enumerate(members)
         ]
     said = (*warnings, *(w for part in parts for w in part.warnings))
-    return Footage(tuple(frames), tuple(flights), tuple(dict.fromkeys(said)))
+    return Footage(tuple(frames), tuple(flights), tuple(dict.fromkeys(said)), tuple(tracks))
 
 
 def _hint_at_logs(part: Footage) -> Footage:

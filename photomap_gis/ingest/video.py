@@ -14,7 +14,7 @@ import numpy as np
 
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.errors import DataError
-from photomap_gis.core.frame import Flight, Footage, FrameRef
+from photomap_gis.core.frame import Flight, FlightTrack, Footage, FrameRef
 from photomap_gis.ingest.decode import (
     FrameIndex,
     VideoInfo,
@@ -23,6 +23,7 @@ from photomap_gis.ingest.decode import (
     read_video_frame,
     read_video_frames,
 )
+from photomap_gis.ingest.kept_track import kept_track
 from photomap_gis.ingest.lenses import LensFacts, camera_for
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.sampling import DEFAULT_RATE_HZ, choose_frames, sampling_rates
@@ -92,6 +93,7 @@ class _Ledger:
     frames: list[FrameRef] = field(default_factory=list)
     flights: list[Flight] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    tracks: list[FlightTrack] = field(default_factory=list)
 
 
 def video_footage(
@@ -133,7 +135,9 @@ def video_footage(
             on_progress(done, len(infos))
     if not ledger.frames:
         raise unplaced[0] if unplaced else DataError(_nothing_usable(ledger.warnings))
-    return Footage(tuple(ledger.frames), tuple(ledger.flights), tuple(dict.fromkeys(ledger.warnings)))
+    return Footage(
+        tuple(ledger.frames), tuple(ledger.flights), tuple(dict.fromkeys(ledger.warnings)), tuple(ledger.tracks)
+    )
 
 
 def _nothing_usable(warnings: Sequence[str]) -> str:
@@ -244,6 +248,7 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
         frames = _frames(piece, numbers, placed, began_s, flight, len(ledger.frames), options)
         ledger.frames += frames
         cameras += [f.camera.name for f in frames[:1] if f.camera is not None]
+    _keep_track(ledger, flight, placements, shared)
     offsets = [placed.offset_s for _, _, placed, _ in placements if placed is not None]
     used = shared or next((p.track for p in pieces if p.track is not None), None)
     more = f" and {len(pieces) - 1} more" if len(pieces) > 1 else ""
@@ -257,6 +262,25 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
             track_offset_s=offsets[0] if offsets else 0.0,
         )
     )
+
+
+def _keep_track(
+    ledger: _Ledger,
+    flight: int,
+    placements: Sequence[tuple[_Piece, list[int], Placed | None, float | None]],
+    shared: Track | None,
+) -> None:
+    """Keep the track of a recording where all of its files share one, or where it is one file."""
+    track = shared or (placements[0][0].track if len(placements) == 1 else None)
+    if track is None or track.clock is Clock.VIDEO:  # the recording's own subtitles are on its own clock
+        return
+    frames = ledger.frames[len(ledger.frames) - sum(len(numbers) for _, numbers, _, _ in placements) :]
+    points = [p for _, numbers, placed, _ in placements for p in (placed.points if placed else (None,) * len(numbers))]
+    if len(placements) > 1 and any(f.time_s is None for f in frames):
+        return  # each file counts from its own beginning
+    kept = kept_track(track, flight, frames, points)
+    if kept is not None:
+        ledger.tracks.append(kept)
 
 
 def _sample(piece: _Piece, clocks: _Clocks, options: IngestOptions) -> tuple[list[int], Placed | None]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from photomap_gis.georef import plane_view
+from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
 from photomap_gis.pipeline.measure import Measurements
@@ -60,13 +61,17 @@ def map_flight(
         with clock("register"):
             measurements.take_sequential(frames)
         with clock("solve"):
-            solved = solve_mission(mission, frames, views, measurements, settings)
+            shifts_s: dict[int, float] = {}
+            if settings.ingest.track_offset_s is None:
+                shifts_s = track_shifts(mission, frames, measurements.accepted, prepared)
+                frames = aligned(mission, frames, shifts_s)
+            solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
         for more in (measurements.take_loops, measurements.take_missing):
             with clock("loops"):
                 gained = more(solved.clusters(views))
             if gained:
                 with clock("solve"):
-                    solved = solve_mission(mission, frames, views, measurements, settings)
+                    solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
         with clock("solve"):
             solved.save(mission)
         with clock("render"):

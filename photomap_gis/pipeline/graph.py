@@ -9,6 +9,7 @@ from pathlib import Path
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.export import SolvedGraph, write_g2o, write_graph_geojson, write_graph_picture
+from photomap_gis.pipeline.align import aligned
 from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solve import build_graph, leanings_of
 from photomap_gis.slam import edge_misfits, solve
@@ -40,6 +41,8 @@ def solved_graph(mission: Mission, on_progress: Progress) -> SolvedGraph:
     """Solve a mission's graph with its loops and without; ``DataError`` where it has no registration."""
     prepared = {p.frame: p for p in mission.prepared}
     frames = [f for f in mission.frames if f.index in prepared and prepared[f.index].usable]
+    shifts_s = mission.load_solution().summary.get("track_shifts_s", {})
+    frames = list(aligned(mission, frames, {int(flight): float(shift) for flight, shift in shifts_s.items()}))
     known = {f.index for f in frames}
     # a failure after a success does not undo it
     newest = {(min(r.a, r.b), max(r.a, r.b)): r for r in mission.registrations if r.accepted}

@@ -12,7 +12,7 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement, PlanePlacement
-from photomap_gis.core.posegraph import FixLag, PoseGraph, Trajectory
+from photomap_gis.core.posegraph import FixLag, PoseGraph, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
@@ -32,6 +32,8 @@ from photomap_gis.slam import (
 from photomap_gis.store import Mission, PlacementRecord, PreparedFrame, RegistrationRecord, SolutionRecord
 
 FLAT = (0.0, 0.0)
+UNREFINED_SIGMA_S = 0.5
+"""Of the shift of a whole track that the solver could not refine."""
 PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 
@@ -48,6 +50,7 @@ class Solved:
     predicted_ce90_m: float | None = None
     warnings: tuple[str, ...] = ()
     fix_lags: Mapping[int, FixLag] = field(default_factory=dict)
+    track_shifts_s: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def georeferenced(self) -> bool:
@@ -145,6 +148,7 @@ class Solved:
             "predicted_ce90_m": self.predicted_ce90_m,
             "warnings": list(self.warnings),
             "fix_lags": {str(flight): [lag.lag_s, lag.sigma_s] for flight, lag in self.fix_lags.items()},
+            "track_shifts_s": {str(flight): shift for flight, shift in self.track_shifts_s.items()},
         }
         mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
 
@@ -178,6 +182,7 @@ class Solved:
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
             {int(flight): FixLag(*lag) for flight, lag in kept.summary.get("fix_lags", {}).items()},
+            {int(flight): float(shift) for flight, shift in kept.summary.get("track_shifts_s", {}).items()},
         )
 
 
@@ -187,8 +192,15 @@ def solve_mission(
     views: Mapping[int, PlaneView],
     measurements: Measurements,
     settings: MapSettings,
+    *,
+    shifts_s: Mapping[int, float] | None = None,
 ) -> Solved:
-    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
+    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
+
+    ``shifts_s`` are the shifts of whole tracks, by flight, under which ``frames`` have their places; ``views`` are
+    those that the frames were registered by.
+    """
+    shifts_s = shifts_s or {}
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = leanings_of({f.index: f for f in usable}, measurements.accepted, prepared)
@@ -223,8 +235,9 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags)),
-        solution.fix_lags,
+        (*_warnings(frames, map_frame), *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s))),
+        whole_lags,
+        shifts_s,
     )
 
 
@@ -292,6 +305,15 @@ def plane_outline(view: PlaneView) -> FloatArray:
     """``(4, 2)`` the raster's corners in its plane."""
     w, h = view.camera.width_px, view.camera.height_px
     return view.to_plane([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
+
+
+def _whole_lags(solution: Solution, shifts_s: Mapping[int, float]) -> dict[int, FixLag]:
+    """Return each flight's lag: what its whole track was shifted by, and what the solver found after that."""
+    lags = dict(solution.fix_lags)
+    for flight, shift in shifts_s.items():
+        fine = lags.get(flight, FixLag(0.0, UNREFINED_SIGMA_S))
+        lags[flight] = FixLag(shift + fine.lag_s, fine.sigma_s)
+    return lags
 
 
 def _lag_warnings(mission: Mission, lags: Mapping[int, FixLag]) -> list[str]:

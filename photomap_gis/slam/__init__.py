@@ -2,6 +2,7 @@
 
 from photomap_gis.slam.build import GraphBuilder, bend_of
 from photomap_gis.slam.candidates import Candidate, candidates
+from photomap_gis.slam.lag import ErrorModel, find_shift
 from photomap_gis.slam.misfit import edge_misfits
 from photomap_gis.slam.optimize import solve
 from photomap_gis.slam.place import placements
@@ -10,12 +11,14 @@ from photomap_gis.slam.tilt import Leaning, estimate_tilts, leans, level_from_ti
 
 __all__ = [
     "Candidate",
+    "ErrorModel",
     "GraphBuilder",
     "Leaning",
     "bend_of",
     "candidates",
     "edge_misfits",
     "estimate_tilts",
+    "find_shift",
     "leans",
     "level_from_tilt",
     "placements",

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +37,14 @@ DISTINCT = 20.0
 SEPARATE_S = 1.0
 OUTLIER = 5.0
 """Fixes that miss by so many times the median miss have no say."""
+SHIFT_FIXES = 200
+SHIFT_COVERED = 0.6
+"""Share of a path's frames for which a shifted track must tell a place."""
+SHIFT_MISFIT = 25.0
+"""Mean squared misfit in sigmas up to which a track may belong to a path: a chain of registrations drifts."""
+SHIFT_DISTINCT = 2.0
+"""By what factor all other shifts must fit worse."""
+SHIFT_SEPARATE_S = 4.0
 LONG_GAP = 4.0
 """Between frames further apart than so many usual intervals the path is unknown."""
 
@@ -111,6 +119,47 @@ def estimate_lag(
     rivals = chi2[elsewhere & _is_least(chi2)]
     ambiguous = len(rivals) > 0 and float(rivals.min()) - least < DISTINCT * beyond2
     return None if sigma > MAX_SIGMA_S or ambiguous else FixLag(lag, sigma)
+
+
+def find_shift(
+    time_s: FloatArray,
+    path: ComplexArray,
+    place: Callable[[FloatArray], ComplexArray],
+    model: ErrorModel,
+    shifts_s: FloatArray,
+) -> float | None:
+    """Return by which of ``shifts_s`` a whole track is older than the ``(N,)`` places of a path; ``None`` if unclear.
+
+    ``place`` gives the track's places (x + iy metres, NaN where it is silent) at any times. The path may lie in any
+    frame, and drift as a chain of registrations does. Believed is a shift that fits as well as such tracks do, and
+    clearly better than none and than any that lies elsewhere.
+    """
+    rows = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), SHIFT_FIXES)).astype(np.intp))
+    if len(rows) < MIN_FIXES:
+        return None
+    time_s, path = time_s[rows], path[rows]
+    whiten = _whitener(time_s, model)
+    whole = (whiten(path), whiten(np.ones(len(rows), complex)))
+    misfit = np.full(len(shifts_s), np.inf)
+    for k, shift in enumerate(shifts_s.tolist()):
+        there = place(time_s + shift)
+        known = np.isfinite(there)
+        if known.sum() < max(MIN_FIXES, SHIFT_COVERED * len(rows)):
+            continue
+        if known.all():
+            misfit[k] = _misfit(*whole, whiten(there)) / (2 * len(rows) - 5)
+        else:
+            part = _whitener(time_s[known], model)
+            one = part(np.ones(int(known.sum()), complex))
+            misfit[k] = _misfit(part(path[known]), one, part(there[known])) / (2 * int(known.sum()) - 5)
+    best = int(np.argmin(misfit))
+    if not np.isfinite(misfit[best]) or misfit[best] > SHIFT_MISFIT:
+        return None
+    # a misfit is a mean over hundreds of fixes: what is not better by a good part is chance, drift, or another lap
+    elsewhere = np.abs(shifts_s - shifts_s[best]) > SHIFT_SEPARATE_S
+    if elsewhere.any() and misfit[elsewhere].min() < SHIFT_DISTINCT * max(1.0, misfit[best]):
+        return None
+    return float(shifts_s[best])
 
 
 def without_lag(
