@@ -162,12 +162,16 @@ def plane_view(ref: FrameRef) -> PlaneView:
     return PlaneView(camera, level_rotation(ref.attitude.R_ned_camera))
 
 
-def observe(frames: Sequence[FrameRef], map_frame: MapFrame) -> Observations:
+def observe(
+    frames: Sequence[FrameRef], map_frame: MapFrame, *, antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Observations:
     """Return what fixes, heights and attitudes say of the frames' planes.
 
     EXIF altitude is never a height and is not looked at. A fix tells where the camera is, that is the plumb point
     where the attitude is known; where it is not, the plane's origin is the image centre, and the ground there is off
-    by tilt times height.
+    by tilt times height. ``antenna_offset_m`` is where the antenna sits from the camera (forward, right, down, in the
+    vehicle's axes): fixes are brought to the camera where a heading is known, the vehicle taken as level and the
+    image's upper edge as its nose; elsewhere they are left.
     """
     positions, scales, headings = [], [], []
     with_fix = [r for r in frames if r.fix is not None and (r.fix.lat_deg, r.fix.lon_deg) != (0.0, 0.0)]
@@ -177,6 +181,9 @@ def observe(frames: Sequence[FrameRef], map_frame: MapFrame) -> Observations:
     bias = _bias_by_flight(with_fix)
     for k, ref in enumerate(frames):
         view = plane_view(ref)
+        heading = _grid_heading_rad(ref, map_frame, with_fix)
+        if ref.index in place and heading is not None:
+            place[ref.index] = place[ref.index] - _on_map(antenna_offset_m, heading)
         if ref.index in place:
             height = ref.height_m if _is_height(ref.height_m) else heights.get(ref.flight, UNKNOWN_HEIGHT_M)
             positions.append(_position(ref, view, place[ref.index], height or UNKNOWN_HEIGHT_M, k, bias[ref.flight]))
@@ -184,11 +191,23 @@ def observe(frames: Sequence[FrameRef], map_frame: MapFrame) -> Observations:
         if focal is not None and ref.height_m is not None and _is_height(ref.height_m):
             sigma = math.hypot(HEIGHT_SIGMA_REL, HEIGHT_SIGMA_M / ref.height_m, view.camera.focal_sigma_rel)
             scales.append(ScaleObservation(ref.index, ref.height_m / focal, sigma))
-        if ref.attitude is not None and ref.attitude.off_nadir_rad < MAX_LEVELLED_RAD:
-            turn = _convergence_at(map_frame, ref, with_fix)
-            heading = wrap_angle(ref.attitude.heading_rad + turn)
+        if ref.attitude is not None and heading is not None:
             headings.append(HeadingObservation(ref.index, heading, ref.attitude.sigma_yaw_rad))
     return Observations(tuple(positions), tuple(scales), tuple(headings))
+
+
+def _grid_heading_rad(ref: FrameRef, map_frame: MapFrame, with_fix: Sequence[FrameRef]) -> float | None:
+    """Return the reported heading of a frame's upper edge from grid north, ``None`` where there is none to trust."""
+    if ref.attitude is None or ref.attitude.off_nadir_rad >= MAX_LEVELLED_RAD:
+        return None
+    return wrap_angle(ref.attitude.heading_rad + _convergence_at(map_frame, ref, with_fix))
+
+
+def _on_map(offset_m: tuple[float, float, float], heading_rad: float) -> FloatArray:
+    """``(2,)`` map metres (x east, y south) of an offset forward and right of a level vehicle."""
+    forward, right, _ = offset_m
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([forward * s + right * c, -forward * c + right * s])
 
 
 def accuracy(solution: Solution, graph: PoseGraph) -> Accuracy | None:

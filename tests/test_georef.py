@@ -202,6 +202,28 @@ def test_yaw_becomes_a_heading_from_grid_north():
     assert georef.grid_convergence_rad(MAP, 52.0, 13.0) == pytest.approx(math.radians(1.576), abs=1e-4)
 
 
+@given(heading=st.floats(-3.1, 3.1), forward=st.floats(-3.0, 3.0), right=st.floats(-3.0, 3.0))
+def test_a_fix_is_brought_from_the_antenna_to_the_camera(heading, forward, right):
+    fix = GpsFix(52.0, 21.0)  # on the middle meridian of its zone: true north is grid north
+    here = frame(fix=fix, attitude=Attitude(heading, -math.pi / 2))
+    map_frame = georef.choose_map_frame([fix])
+    (plain,), (moved,) = (
+        georef.observe([here], map_frame, antenna_offset_m=o).positions for o in ((0, 0, 0), (forward, right, -1.0))
+    )
+    east, south = plain.xy_map_m - moved.xy_map_m  # from the camera to the antenna
+    assert east * math.sin(heading) - south * math.cos(heading) == pytest.approx(forward, abs=1e-6)
+    assert east * math.cos(heading) + south * math.sin(heading) == pytest.approx(right, abs=1e-6)
+
+
+def test_without_a_heading_a_fix_stays_the_antennas():
+    here = frame(fix=GpsFix(52.0, 21.0))
+    map_frame = georef.choose_map_frame([here.fix])
+    (plain,), (moved,) = (
+        georef.observe([here], map_frame, antenna_offset_m=o).positions for o in ((0, 0, 0), (2.0, 1.0, 0.0))
+    )
+    np.testing.assert_array_equal(plain.xy_map_m, moved.xy_map_m)
+
+
 def test_frames_without_a_clock_keep_their_order():
     seen = georef.observe([frame(k, fix=GpsFix(52.0, 13.0)) for k in range(3)], MAP)
     times = [p.time_s for p in seen.positions]

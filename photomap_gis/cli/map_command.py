@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 @click.option("--gsd", type=float, help="Pixel of the map in metres; default: what the camera saw.")
 @click.option("--max-off-nadir", type=float, default=35.0, show_default=True, metavar="DEG",
               help="Frames looking further off the plumb line are not pasted.")  # fmt: skip
+@click.option("--antenna-offset", metavar="F,R,D",
+              help="Metres from camera to GPS antenna: forward, right, down of the vehicle.")  # fmt: skip
 @source_options
 @click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
 @click.option("--memory", "memory_mb", type=click.IntRange(128), default=512, show_default=True, metavar="MB",
@@ -37,6 +39,7 @@ def command(
     crs: str | None,
     gsd: float | None,
     max_off_nadir: float,
+    antenna_offset: str | None,
     workers: int | None,
     memory_mb: int,
     as_json: bool,
@@ -65,6 +68,7 @@ def command(
         max_off_nadir_deg=max_off_nadir,
         workers=workers,
         memory_mb=memory_mb,
+        antenna_offset_m=antenna_offset_m(antenna_offset),
     )
     folder = add or mission
     assert folder is not None  # told apart above
@@ -76,6 +80,19 @@ def command(
         click.echo(describe(summary))
     for warning in summary.warnings:
         click.echo(f"warning: {warning}", err=True)
+
+
+def antenna_offset_m(text: str | None) -> tuple[float, float, float]:
+    """Return forward, right, down of ``--antenna-offset F,R,D``; zeros where it was not given."""
+    if text is None:
+        return 0.0, 0.0, 0.0
+    try:
+        forward, right, down = (float(v) for v in text.split(","))
+    except ValueError:
+        raise UsageError(
+            f"--antenna-offset {text}: write three metres with commas, e.g. 0.15,0,-0.3 (ahead, no side, above)"
+        ) from None
+    return forward, right, down
 
 
 def describe(summary: MapSummary) -> str:
@@ -103,6 +120,9 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"fit to GPS {summary.fit_to_gps_rms_m:.2f} m RMS (how well map and track agree; not the accuracy)"
         )
+    for flight, lag in summary.track_lags.items():
+        lines.append(f"clocks     {flight}: positions {lag['lag_s']:+.2f} s older than the pictures, "
+                     f"sigma {lag['sigma_s']:.2f} s{'; corrected' if lag['corrected'] else ''}")  # fmt: skip
     if summary.predicted_ce90_m is not None:
         lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.export import SolvedGraph, write_g2o, write_graph_geojson, write_graph_picture
 from photomap_gis.pipeline.align import aligned
-from photomap_gis.pipeline.settings import Progress
+from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solve import build_graph, leanings_of
 from photomap_gis.slam import edge_misfits, solve
 from photomap_gis.store import Mission
@@ -50,14 +52,16 @@ def solved_graph(mission: Mission, on_progress: Progress) -> SolvedGraph:
     if not accepted:
         raise DataError(f"{mission.folder} holds no registration yet: run 'photomap map' on its sources again")
     leanings = leanings_of({f.index: f for f in frames}, accepted, prepared)
-    graph = build_graph(frames, accepted, prepared, mission.header.map_frame, leanings)
+    settings = TypeAdapter(MapSettings).validate_python(mission.header.settings)
+    graph = build_graph(
+        frames, accepted, prepared, mission.header.map_frame, leanings, antenna_offset_m=settings.antenna_offset_m
+    )
     on_progress("solve", 0, 2)
     chain = replace(graph, edges=tuple(e for e in graph.edges if e.kind is EdgeKind.SEQUENTIAL))
     # without fixes: they would hide by how much the chain drifts
     sequential = solve(replace(chain, positions=(), scales=(), headings=()))
     on_progress("solve", 1, 2)
-    told = mission.header.settings.get("ingest", {}).get("track_offset_s") is not None
-    solution = solve(graph, find_lag=not told)
+    solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
     on_progress("solve", 2, 2)
     names = {f.index: f.name for f in frames}
     return SolvedGraph(graph, solution, sequential, edge_misfits(graph, solution), mission.header.map_frame, names)

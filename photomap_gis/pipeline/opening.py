@@ -35,7 +35,9 @@ def open_mission(
     if add:
         mission = Mission.open(folder)
         known = _SETTINGS.validate_python(mission.header.settings)
-        settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px)
+        settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px,
+                           antenna_offset_m=settings.antenna_offset_m if any(settings.antenna_offset_m)
+                           else known.antenna_offset_m)  # fmt: skip
         _extend(mission, sources, settings, look)
         return mission, settings
     names = tuple(str(Path(s).absolute()) for s in sources)

@@ -13,11 +13,16 @@ Progress = Callable[[str, int, int], None]
 """Called with (stage, done, total)."""
 
 
+MAX_ANTENNA_OFFSET_M = 50.0
+"""No vehicle is larger: more is a mistake, such as centimetres."""
+
+
 @dataclass(frozen=True, slots=True)
 class MapSettings:
     """Choices for one mission; those that shape its measurements are kept in the mission and hold for ``--add`` too.
 
     ``crs`` is what the user wrote (``None``: the right UTM zone), ``gsd_m_per_px`` the map's pixel (``None``: native).
+    ``antenna_offset_m`` is where the GPS antenna sits from the camera: forward, right, down in the vehicle's axes.
     ``work_size_px`` is the longer side of the images that are registered.
     """
 
@@ -28,12 +33,19 @@ class MapSettings:
     work_size_px: int = 512
     workers: int | None = None
     memory_mb: int = 512
+    antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_off_nadir_deg < 90.0:
             raise UsageError(f"--max-off-nadir must lie between 0 and 90 degrees, got {self.max_off_nadir_deg:g}")
         if self.gsd_m_per_px is not None and not (math.isfinite(self.gsd_m_per_px) and self.gsd_m_per_px > 0):
             raise UsageError(f"--gsd must be a positive number of metres a pixel, got {self.gsd_m_per_px:g}")
+
+        if not all(math.isfinite(v) and abs(v) <= MAX_ANTENNA_OFFSET_M for v in self.antenna_offset_m):
+            raise UsageError(
+                f"--antenna-offset must be three lengths of at most {MAX_ANTENNA_OFFSET_M:g} m, "
+                f"got {self.antenna_offset_m}"
+            )
 
     @property
     def max_off_nadir_rad(self) -> float:

@@ -204,7 +204,9 @@ def solve_mission(
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = leanings_of({f.index: f for f in usable}, measurements.accepted, prepared)
-    graph = build_graph(usable, measurements.accepted, prepared, map_frame, leanings)
+    graph = build_graph(
+        usable, measurements.accepted, prepared, map_frame, leanings, antenna_offset_m=settings.antenna_offset_m
+    )
     solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
     predicted = accuracy(solution, graph)
     slopes = slopes_of_frames(graph.edges)
@@ -235,7 +237,10 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        (*_warnings(frames, map_frame), *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s))),
+        (
+            *_warnings(frames, map_frame, settings),
+            *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s)),
+        ),
         whole_lags,
         shifts_s,
     )
@@ -247,6 +252,8 @@ def build_graph(
     prepared: Mapping[int, PreparedFrame],
     map_frame: MapFrame,
     leanings: Mapping[int, Leaning],
+    *,
+    antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> PoseGraph:
     """Return the graph of accepted registrations and of what fixes, heights and attitudes say."""
     builder = GraphBuilder()
@@ -258,7 +265,7 @@ def build_graph(
             leaning=(leanings[r.a], leanings[r.b]) if {r.a, r.b} <= leanings.keys() else None,
         )  # fmt: skip
     if map_frame.crs_wkt is not None:
-        seen = observe(usable, map_frame)
+        seen = observe(usable, map_frame, antenna_offset_m=antenna_offset_m)
         builder.observe(seen.positions, seen.scales, seen.headings)
     return builder.snapshot()
 
@@ -329,8 +336,13 @@ def _lag_warnings(mission: Mission, lags: Mapping[int, FixLag]) -> list[str]:
     ]
 
 
-def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...]:
+def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame, settings: MapSettings) -> tuple[str, ...]:
     found = []
+    blind = sum(f.fix is not None and f.attitude is None for f in frames)
+    if any(settings.antenna_offset_m) and blind:
+        found.append(
+            f"--antenna-offset: {blind} frames tell no heading; their positions are taken as the antenna gave them"
+        )
     if map_frame.crs_wkt is None:
         found.append(
             "no positions: the map is relative, not georeferenced; give --track FILE, or put the .SRT beside the video"

@@ -61,6 +61,13 @@ def test_graph_is_drawn_and_written(mission, tmp_path, capsys):
     assert main(["graph", str(tmp_path)]) == 3
 
 
+@pytest.mark.parametrize("text", ["1,2", "a,b,c", "1;2;3", "100,0,0", "nan,0,0"])
+def test_an_antenna_offset_that_is_none_is_told(flight, tmp_path, capsys, text):
+    assert main(["map", str(flight / "photos"), "-o", str(tmp_path / "m"), "--antenna-offset", text]) == 2
+    assert "--antenna-offset" in capsys.readouterr().err
+    assert not (tmp_path / "m").exists()
+
+
 def test_info(flight, capsys):
     assert main(["info", str(flight / "photos"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 6

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -254,6 +255,26 @@ def test_onboard_log_with_a_gimbal_and_a_lost_fix(tmp_path: Path) -> None:
     assert p.attitude is not None
     assert math.degrees(p.attitude.off_nadir_rad) == pytest.approx(0.0, abs=0.1)
     assert math.degrees(p.attitude.heading_rad) == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("utc", "leap_s"),
+    [
+        ("2005-12-31T23:59:58", 13), ("2006-01-01T00:00:02", 14), ("2012-06-30T23:59:50", 15),
+        ("2015-06-30T12:00:00", 16), ("2016-12-31T23:59:50", 17), ("2017-01-01T00:00:02", 18),
+        ("2026-05-01T10:00:00", 18),
+    ],
+)  # fmt: skip
+def test_gps_time_is_ahead_of_utc_by_the_leap_seconds_of_its_day(tmp_path: Path, utc: str, leap_s: int) -> None:
+    """The table is that of IERS Bulletin C: GPS time minus UTC."""
+    start_s = datetime.fromisoformat(utc + "+00:00").timestamp()
+    weeks, in_week = divmod(start_s + leap_s - 315_964_800.0, 604_800.0)
+    gps = [(k * 200_000, 3, round(in_week * 1000) + k * 200, int(weeks), 521000000, 96000000 + k, 0) for k in range(5)]
+    path = tmp_path / "leap.bin"
+    path.write_bytes(_bin([("GPS", "QBIHLLe", "TimeUS,Status,GMS,GWk,Lat,Lng,Alt", gps)]))
+    track = read_track(path)
+    assert track.clock is Clock.UTC
+    assert track.points[0].time_s == pytest.approx(start_s, abs=1e-3)
 
 
 def test_onboard_log_without_gps_time_counts_from_boot(tmp_path: Path) -> None:

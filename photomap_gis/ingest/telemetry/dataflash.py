@@ -151,7 +151,9 @@ def _boot_to_utc_s(gps: dict[str, np.ndarray] | None) -> float | None:
     if not good.any():
         return None
     gps_s = _GPS_EPOCH_UNIX_S + weeks[good] * _WEEK_S + weeks_s[good] / 1e3
-    utc_s = gps_s - 13.0 - sum((gps_s > leap).astype(float) for leap in _LEAPS_UNIX_S)
+    # the list is in UTC: on GPS time each fell so much later as GPS time was ahead by then
+    fallen = [(gps_s >= leap + 14.0 + k).astype(float) for k, leap in enumerate(_LEAPS_UNIX_S)]
+    utc_s = gps_s - 13.0 - sum(fallen)
     # The message is written up to a navigation interval after its moment: the least delayed ones tell best.
     return float(np.quantile(utc_s - gps["TimeUS"][good] / 1e6, 0.99))
 
