@@ -10,6 +10,7 @@ from pathlib import Path
 from photomap_gis.georef import plane_view
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
+from photomap_gis.pipeline.in_space import solve_in_space
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
@@ -68,6 +69,7 @@ def map_flight(
                 with clock("solve"):
                     solved = solve_mission(mission, frames, views, measurements, settings)
         with clock("solve"):
+            solved = solve_in_space(frames, views, measurements, solved)
             solved.save(mission)
         with clock("render"):
             maps = draw_maps(mission, solved, settings, on_progress)
