@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.ground import HeightField
@@ -34,6 +35,7 @@ OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
+LARGE = 1500
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0)
 
 
@@ -81,6 +83,12 @@ def bundle_adjust(problem: BundleProblem) -> Bundle:
 
     Raises ``numpy.linalg.LinAlgError`` where the problem has no single answer.
     """
+    # threads of BLAS spin while they wait for each other: on small systems that is most of the time
+    with threadpool_limits(1 if 6 * len(problem.views) < LARGE else None, user_api="blas"):
+        return _adjusted(problem)
+
+
+def _adjusted(problem: BundleProblem) -> Bundle:
     state = BundleState.start(problem)
     height = float(np.median(-state.centre[:, 2]))
     gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
