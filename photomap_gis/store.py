@@ -356,15 +356,27 @@ def _adapter(kind: type[T]) -> TypeAdapter[T]:
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}  # building one takes milliseconds
 
 
+_TIE = np.dtype([("xy_a", "<f4", 2), ("xy_b", "<f4", 2), ("sigma", "<f2", 2), ("correlation", "<f2"), ("place", "u1")])
+"""A tie as the journal packs it: sigmas along x and y and their correlation say what the covariance does."""
+
+
 def _packed(ties: TiePoints) -> str:
-    """Return tie points as base64 of little-endian float32, eight a tie: a journal of text would be four times that."""
-    columns = [ties.xy_a_px, ties.xy_b_px, ties.covariance_a_px2, ties.place[:, None]]
-    return base64.b64encode(np.concatenate(columns, axis=1).astype("<f4").tobytes()).decode("ascii")
+    """Return tie points as base64: a journal of text would be five times that."""
+    table = np.zeros(len(ties), _TIE)
+    xx, xy, yy = ties.covariance_a_px2.T
+    table["xy_a"], table["xy_b"], table["place"] = ties.xy_a_px, ties.xy_b_px, ties.place
+    table["sigma"] = np.sqrt(np.stack([xx, yy], axis=1))
+    table["correlation"] = xy / np.sqrt(xx * yy)
+    return base64.b64encode(table.tobytes()).decode("ascii")
 
 
 def _unpacked(text: str) -> TiePoints:
-    v = np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 8).astype(np.float64)
-    return TiePoints(v[:, :2], v[:, 2:4], v[:, 4:7], v[:, 7].astype(np.intp))
+    table = np.frombuffer(base64.b64decode(text), _TIE)
+    sx, sy = table["sigma"].astype(np.float64).T
+    r = np.clip(table["correlation"].astype(np.float64), -0.999, 0.999)
+    covariance = np.stack([sx * sx, r * sx * sy, sy * sy], axis=1)
+    xy_a, xy_b = table["xy_a"].astype(np.float64), table["xy_b"].astype(np.float64)
+    return TiePoints(xy_a, xy_b, covariance, table["place"].astype(np.intp))
 
 
 def _square(row_by_row: tuple[float, ...]) -> FloatArray:

@@ -184,9 +184,8 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
 
 
 def _ties_of(motion: BlockMotion, G: FloatArray, b: Spectrum) -> TiePoints:
-    """Return the solved ones among b's tie blocks, where they were found in a."""
-    chosen = b.floors[0].template.tie_blocks
-    use = chosen[motion.solved[chosen]]
+    """Return b's blocks that were solved, where they were found in a."""
+    use = np.flatnonzero(motion.solved)
     q = motion.centre[use]
     xx, xy, yy = _trusted_noise(motion, use)
     # carried to a by the motion's linear part at the frame's centre: covariances need no better

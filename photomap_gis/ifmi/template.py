@@ -20,7 +20,6 @@ Pixels = npt.NDArray[np.intp]
 
 GRID = 12
 BLOCKS = GRID * GRID
-TIES = BLOCKS // 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,13 +50,6 @@ class Template:
     def gy(self) -> Image32:
         """``(BLOCKS, n)`` slopes by qy."""
         return self.A[2]
-
-    @property
-    def tie_blocks(self) -> Pixels:
-        """``(TIES,)`` one block of every two by two: the one with the most detail, the same for all registrations."""
-        detail = np.einsum("kn,kn->k", self.gx, self.gx) + np.einsum("kn,kn->k", self.gy, self.gy)
-        number = np.arange(BLOCKS).reshape(GRID // 2, 2, GRID // 2, 2).swapaxes(1, 2).reshape(TIES, 4)
-        return number[np.arange(TIES), detail[number].argmax(axis=1)]
 
     def of_blocks(self, blocks: npt.NDArray[np.intp]) -> Template:
         """Return the template of some blocks only."""

@@ -16,6 +16,7 @@ from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPla
 from photomap_gis.core.posegraph import PositionObservation, Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
+from photomap_gis.ifmi.template import GRID
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.solve import Solved
 from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, TieSet, View, bundle_adjust
@@ -153,7 +154,7 @@ def _tie_set(
         ties = r.registration.ties
         if ties is None:
             continue
-        use = ties.place // 2 % stride == 0 if stride > 1 else np.ones(len(ties), bool)
+        use = (ties.place // GRID + 2 * (ties.place % GRID)) % stride == 0
         xy_a = views[r.a].to_pixel(prepared[r.a].T_plane_work.apply(ties.xy_a_px[use]))
         xy_b = views[r.b].to_pixel(prepared[r.b].T_plane_work.apply(ties.xy_b_px[use]))
         zoom = prepared[r.a].T_plane_work.scale
