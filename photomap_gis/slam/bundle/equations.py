@@ -22,15 +22,21 @@ HELD_SIGMA = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpotPrior:
-    """What is known of the spots' z beforehand: ``(P,)`` values and informations."""
+    """What is known of the spots' z beforehand: ``(P,)`` values and informations about a surface.
+
+    The surface itself may give: it is ``z + bends @ c`` with unknown ``c`` ``(K,)`` of zero mean and ``bend_sigma``
+    ``(K,)``. A surface that was found from the same ties is not known better than those tell it.
+    """
 
     z: FloatArray
     information: FloatArray
+    bends: FloatArray
+    bend_sigma: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduced:
-    """``H step = -g`` of views and lenses, and how the spots follow: ``dz = -(g_z + V step) / A``.
+    """``H step = -g`` of views, lenses and the surface's bends, and how the spots follow: ``dz = -(g_z + V step) / A``.
 
     ``V`` is kept anchor by anchor: for each, its spots, its columns, and the ``(spots, columns)`` block.
     """
@@ -62,7 +68,8 @@ def reduced_equations(
     ``free_lens`` ``(L, 2)`` says which lens numbers may change.
     """
     t, n, lenses = problem.ties, len(problem.views), len(problem.lenses)
-    size = 6 * n + 2 * lenses
+    bends = prior.bends.shape[1]
+    size = 6 * n + 2 * lenses + bends
     H, g = np.zeros((size, size)), np.zeros(size)
     lens_of = problem.lens_of
     W = np.where(found.valid[:, None, None], information, 0.0)
@@ -95,7 +102,8 @@ def reduced_equations(
         a = t.a[begin:end]
         frames, at = np.unique(a, return_inverse=True)
         own = 6 * len(frames)
-        V = np.zeros((len(spots), own + 6 + 2 * lenses))
+        V = np.zeros((len(spots), own + 6 + 2 * lenses + bends))
+        V[:, own + 6 + 2 * lenses :] = -prior.information[spots, None] * prior.bends[spots]
         part = JWz[begin:end]
         np.add.at(V, (row[:, None], 6 * at[:, None] + np.arange(6)), part[:, :6])
         np.add.at(V, (row[:, None], own + np.arange(6)[None]), part[:, 6:12])
@@ -106,7 +114,7 @@ def reduced_equations(
             [
                 (6 * frames[:, None] + np.arange(6)).ravel(),
                 6 * b + np.arange(6),
-                6 * n + np.arange(2 * lenses),
+                6 * n + np.arange(2 * lenses + bends),
             ]
         )
         weighted = V / A[spots][:, None]
@@ -114,19 +122,29 @@ def reduced_equations(
         g[column] -= weighted.T @ gz[spots]
         blocks.append((spots, column, V))
     _add_priors(H, g, problem, state, free_lens)
+    if bends:
+        surface = slice(size - bends, size)
+        pull = prior.information * (state.z - prior.z)
+        H[surface, surface] += (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
+        g[surface] -= prior.bends.T @ pull
     return Reduced(H, g, A, gz, tuple(blocks))
 
 
 def prior_cost(problem: BundleProblem, state: BundleState, prior: SpotPrior) -> float:
     """Return the weighted squares of everything but the ties."""
-    total = float(np.sum(prior.information * (state.z - prior.z) ** 2))
+    off = state.z - prior.z
+    total = float(np.sum(prior.information * off**2))
+    if prior.bends.shape[1]:  # the surface gives as far as it likes
+        pull = prior.bends.T @ (prior.information * off)
+        stiff = (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
+        total -= float(pull @ np.linalg.solve(stiff, pull))
     total += sum(float(p @ r @ p) for p, r in _turn_terms(problem, state))
     height = np.array([v.height for v in problem.views])
     sigma = np.array([v.height_sigma for v in problem.views])
     told = np.isfinite(sigma)
     total += float(np.sum(((-state.centre[told, 2] - height[told]) / sigma[told]) ** 2))
-    off = state.centre[problem.fix_of, :2] - problem.fix_xy
-    total += float(np.einsum("ik,ij,jk->", off, problem.fix_information, off)) if len(off) else 0.0
+    miss = state.centre[problem.fix_of, :2] - problem.fix_xy
+    total += float(np.einsum("ik,ij,jk->", miss, problem.fix_information, miss)) if len(miss) else 0.0
     for k, lens in enumerate(problem.lenses):
         total += float(((state.log_focal[k] - np.log(lens.focal_px)) / lens.focal_sigma_log) ** 2)
         total += float(((state.k1[k] - lens.camera.k1) / lens.k1_sigma) ** 2)

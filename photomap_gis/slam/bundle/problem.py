@@ -125,9 +125,9 @@ class BundleState:
         )
 
     def moved(self, step: FloatArray, spots: FloatArray) -> BundleState:
-        """Return the state after a step ``(6 N + 2 L,)`` of views and lenses and one of the spots ``(P,)``."""
-        n = len(self.centre)
-        view, lens = step[: 6 * n].reshape(n, 6), step[6 * n :].reshape(-1, 2)
+        """Return the state after a step ``(6 N + 2 L, ...)`` of views and lenses and one of the spots ``(P,)``."""
+        n, lenses = len(self.centre), len(self.k1)
+        view, lens = step[: 6 * n].reshape(n, 6), step[6 * n : 6 * n + 2 * lenses].reshape(lenses, 2)
         return BundleState(
             self.centre + view[:, :3],
             exp_rotation(view[:, 3:]) @ self.R,

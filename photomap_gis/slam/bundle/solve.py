@@ -25,7 +25,9 @@ from photomap_gis.slam.bundle.problem import BundleProblem, BundleState
 FIRST_RELIEF = 0.03
 """Before looking, the ground may lie off its middle level by this share of the flying height."""
 LEAST_RELIEF = 0.001
-ROUNDS = 4
+ROUNDS, LEVEL_ROUNDS = 5, 2
+"""In the first rounds the ground counts as level, roughly: a lens that is off bends it like a bowl, and the bowl would
+be believed."""
 STEPS = 4
 LIMIT = 3.0
 """Ties this many sigmas off count a quarter."""
@@ -35,6 +37,9 @@ OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
+LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
+LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
+"""How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
 LARGE = 1500
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0)
 
@@ -96,15 +101,17 @@ def _adjusted(problem: BundleProblem) -> Bundle:
     ground, relief = HeightField.level(), FIRST_RELIEF * height
     before = _rms(linearise(problem, state), problem)
     for round_ in range(ROUNDS):
-        prior = _spot_prior(problem, state, ground, relief)
+        prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
         state, at, equations = _descend(problem, state, prior, free, gsd)
         if round_ == 0:
             free = _observable(problem, state, at, prior)
         state = _levelled_off(problem, state)
+        if round_ < LEVEL_ROUNDS:
+            continue
         spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
         ground = _ground_of(problem, state, spot_sigma, height, gsd)
         relief = max(ground.sigma, LEAST_RELIEF * height)
-    prior = _spot_prior(problem, state, ground, relief)
+    prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
     state, at, equations = _descend(problem, state, prior, free, gsd)
     inverse = inverse_spd(equations.H)
     n = len(problem.views)
@@ -164,12 +171,23 @@ def _cost(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior)
     return float(np.einsum("mi,mij,mj->", r, at.information, r)) + prior_cost(problem, state, prior)
 
 
-def _spot_prior(problem: BundleProblem, state: BundleState, ground: HeightField, relief: float) -> SpotPrior:
-    """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little."""
+def _spot_prior(
+    problem: BundleProblem, state: BundleState, ground: HeightField, relief: float, *, bowl: float
+) -> SpotPrior:
+    """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
+
+    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides.
+    """
     xy = _spots_xy(problem, state)
     z = -ground.at(xy)
     off2 = ((state.z - z) / relief) ** 2
-    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2)
+    if not len(xy):
+        return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0))
+    reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
+    u, v = ((xy - np.median(xy, axis=0)) / reach).T
+    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
+    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
+    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma)
 
 
 def _spots_xy(problem: BundleProblem, state: BundleState) -> FloatArray:
@@ -201,15 +219,20 @@ def _observable(problem: BundleProblem, state: BundleState, at: _At, prior: Spot
     free = np.ones((len(problem.lenses), 2), bool)
     H = reduced_equations(problem, state, at.found, at.information, prior, free).H
     try:
-        variance = np.diag(inverse_spd(H))[6 * len(problem.views) :].reshape(-1, 2)
+        variance = np.diag(inverse_spd(H))[_lens_rows(problem)].reshape(-1, 2)
     except np.linalg.LinAlgError:
         return np.zeros_like(free)
     before = np.array([(lens.focal_sigma_log, lens.k1_sigma) for lens in problem.lenses])
     return np.asarray(np.sqrt(variance) < OBSERVABLE * before)
 
 
+def _lens_rows(problem: BundleProblem) -> slice:
+    first = 6 * len(problem.views)
+    return slice(first, first + 2 * len(problem.lenses))
+
+
 def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, inverse: FloatArray) -> list[LensFound]:
-    sigma = np.sqrt(np.diag(inverse)[6 * len(problem.views) :].reshape(-1, 2))
+    sigma = np.sqrt(np.diag(inverse)[_lens_rows(problem)].reshape(-1, 2))
     out = []
     for k, (lens, camera) in enumerate(zip(problem.lenses, cameras_of(problem, state), strict=True)):
         f = float(sigma[k, 0]) if free[k, 0] else lens.focal_sigma_log
