@@ -41,7 +41,7 @@ LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
 LARGE = 1500
-DAMPINGS = (0.0, 1e-4, 1e-2, 1.0)
+DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,17 +135,20 @@ def _descend(
     equations = reduced_equations(problem, state, at.found, at.information, prior, free)
     for _ in range(STEPS):
         value = _cost(problem, state, at, prior)
+        solved = False
         for damping in DAMPINGS:
             H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
             try:
                 step = solve_spd(H, equations.g)
             except np.linalg.LinAlgError:
                 continue
-            moved = state.moved(step, equations.spots_for(step))
+            solved, moved = True, state.moved(step, equations.spots_for(step))
             if _cost(problem, moved, at, prior) <= value * (1.0 + 1e-9):
                 break
         else:
-            raise np.linalg.LinAlgError("the full solution does not settle")
+            if not solved:
+                raise np.linalg.LinAlgError("the full solution has no single answer")
+            break  # it gets no better
         state, at = moved, _look(problem, moved)
         equations = reduced_equations(problem, state, at.found, at.information, prior, free)
         shift = np.abs(step[: 6 * len(problem.views)].reshape(-1, 6)[:, :3]).max(initial=0.0)
