@@ -32,7 +32,8 @@ class Motion:
     """How unsteadily the drone flies; sigmas.
 
     ``tilt_deg`` is that of roll and of pitch, 30 % of its variance white from frame to frame, the rest a sway of
-    ``tilt_tau_s``; ``lean_deg`` is how far the camera always looks ahead of the plumb line. ``height_sigma_m`` and ``wander_sigma_m`` are slow changes of height and sideways place.
+    ``tilt_tau_s``; ``lean_deg`` is how far the camera always looks ahead of the plumb line. ``height_sigma_m`` and
+    ``wander_sigma_m`` are slow changes of height and sideways place.
     """
 
     tilt_deg: float = 0.0
