@@ -93,4 +93,5 @@ def map_flight(
         warnings=(*mission.header.warnings, *solved.warnings),
         reasons=solved.count_reasons(),
         outputs=tuple(str(p) for p in outputs),
+        lenses=solved.lenses,
     )

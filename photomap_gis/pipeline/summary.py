@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
+
+from photomap_gis.store import LensRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,7 +14,8 @@ class MapSummary:
     """The result of a mapping run; ``None`` where a value is unknown.
 
     ``fit_to_gps_rms_m`` is a residual of the fit, not an accuracy; ``predicted_ce90_m`` is the accuracy that the
-    solver's covariances predict, the GPS's own bias included.
+    solver's covariances predict, the GPS's own bias included. ``lenses`` say what the flight told of its lenses, where
+    cameras could be posed in space.
     """
 
     mission: str
@@ -31,6 +34,7 @@ class MapSummary:
     warnings: tuple[str, ...]
     reasons: Mapping[str, Mapping[str, int]]
     outputs: tuple[str, ...]
+    lenses: tuple[LensRecord, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the JSON document of ``photomap map --json``."""
@@ -51,4 +55,5 @@ class MapSummary:
             "warnings": list(self.warnings),
             "reasons": {status: dict(r) for status, r in self.reasons.items()},
             "outputs": list(self.outputs),
+            "lenses": [asdict(lens) for lens in self.lenses],
         }
