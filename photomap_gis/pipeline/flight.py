@@ -11,6 +11,7 @@ from photomap_gis.georef import plane_view
 from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
+from photomap_gis.pipeline.in_space import solve_in_space
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
@@ -73,6 +74,7 @@ def map_flight(
                 with clock("solve"):
                     solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
         with clock("solve"):
+            solved = solve_in_space(frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m)
             solved.save(mission)
         with clock("render"):
             maps = draw_maps(mission, solved, settings, on_progress)
@@ -97,4 +99,5 @@ def map_flight(
         reasons=solved.count_reasons(),
         outputs=tuple(str(p) for p in outputs),
         track_lags=solved.track_lags({f.id: f.name for f in mission.flights}),
+        lenses=solved.lenses,
     )

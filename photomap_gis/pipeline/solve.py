@@ -11,7 +11,8 @@ import numpy as np
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
-from photomap_gis.core.placement import FramePlacement, PlanePlacement
+from photomap_gis.core.ground import HeightField
+from photomap_gis.core.placement import CameraToMap, FramePlacement, PlanePlacement, PosedPlacement
 from photomap_gis.core.posegraph import FixLag, PoseGraph, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
@@ -29,7 +30,16 @@ from photomap_gis.slam import (
     slopes_of_frames,
     solve,
 )
-from photomap_gis.store import Mission, PlacementRecord, PreparedFrame, RegistrationRecord, SolutionRecord
+from photomap_gis.store import (
+    GroundRecord,
+    LensRecord,
+    Mission,
+    PlacementRecord,
+    PosedRecord,
+    PreparedFrame,
+    RegistrationRecord,
+    SolutionRecord,
+)
 
 FLAT = (0.0, 0.0)
 UNREFINED_SIGMA_S = 0.5
@@ -39,7 +49,11 @@ PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """One solution: what became of every frame, and where the placed ones lie."""
+    """One solution: what became of every frame, and where the placed ones lie.
+
+    ``solution`` is the flat one as the solver left it, ``None`` where it was read from the mission; ``lenses`` say what
+    the full solution found of them.
+    """
 
     frames: tuple[FrameRef, ...]
     map_frame: MapFrame
@@ -49,6 +63,8 @@ class Solved:
     fit_to_gps_rms_m: float | None = None
     predicted_ce90_m: float | None = None
     warnings: tuple[str, ...] = ()
+    solution: Solution | None = None
+    lenses: tuple[LensRecord, ...] = ()
     fix_lags: Mapping[int, FixLag] = field(default_factory=dict)
     track_shifts_s: Mapping[int, float] = field(default_factory=dict)
 
@@ -137,11 +153,15 @@ class Solved:
             p = placed.get(ref.index)
             if p is None:
                 return PlacementRecord(ref.index, status, reason)
-            assert isinstance(p.camera_to_map, PlanePlacement)
-            covariance = tuple(float(v) for v in p.pose_covariance.ravel())
-            view, T = p.camera_to_map.view, p.camera_to_map.T_map_plane
-            R = tuple(float(v) for v in view.R_level_camera.ravel())
-            return PlacementRecord(ref.index, status, reason, p.segment, p.method, T, covariance, R, view.ground_slope)
+            covariance, where = _row_by_row(p.pose_covariance), p.camera_to_map
+            common = (ref.index, status, reason, p.segment, p.method)
+            if isinstance(where, PosedPlacement):
+                lens = where.camera.focal_px or 0.0, where.camera.k1
+                centre, R = _row_by_row(where.centre_map), _row_by_row(where.R_map_camera)
+                return PlacementRecord(*common, covariance=covariance, posed=PosedRecord(centre, R, *lens))
+            assert isinstance(where, PlanePlacement)
+            view, R = where.view, _row_by_row(where.view.R_level_camera)
+            return PlacementRecord(*common, where.T_map_plane, covariance, R, view.ground_slope)
 
         summary = {
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
@@ -150,7 +170,11 @@ class Solved:
             "fix_lags": {str(flight): [lag.lag_s, lag.sigma_s] for flight, lag in self.fix_lags.items()},
             "track_shifts_s": {str(flight): shift for flight, shift in self.track_shifts_s.items()},
         }
-        mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
+        grounds = (p.camera_to_map.ground for p in placed.values() if isinstance(p.camera_to_map, PosedPlacement))
+        ground = next(grounds, None)
+        records = tuple(map(record, self.frames))
+        kept = None if ground is None else GroundRecord.of(ground)
+        mission.save_solution(SolutionRecord(self.trajectory.revision, records, summary, kept, self.lenses))
 
     @classmethod
     def load(cls, mission: Mission) -> Solved:
@@ -158,19 +182,20 @@ class Solved:
         kept = mission.load_solution()
         frames = tuple(mission.frames)
         refs = {f.index: f for f in frames}
+        ground = HeightField.level() if kept.ground is None else kept.ground.height_field
         placed = tuple(
             FramePlacement(
                 r.frame,
                 refs[r.frame].width_px,
                 refs[r.frame].height_px,
-                PlanePlacement(_kept_view(refs[r.frame], r), r.T_map_plane),
+                where,
                 r.covariance_matrix,
                 r.status,
                 r.segment or 0,
                 r.method,
             )
             for r in kept.placements
-            if r.T_map_plane is not None
+            if (where := _kept_place(refs[r.frame], r, ground)) is not None
         )
         return cls(
             frames,
@@ -181,8 +206,11 @@ class Solved:
             kept.summary.get("fit_to_gps_rms_m"),
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
-            {int(flight): FixLag(*lag) for flight, lag in kept.summary.get("fix_lags", {}).items()},
-            {int(flight): float(shift) for flight, shift in kept.summary.get("track_shifts_s", {}).items()},
+            lenses=kept.lenses,
+            fix_lags={int(flight): FixLag(*lag) for flight, lag in kept.summary.get("fix_lags", {}).items()},
+            track_shifts_s={
+                int(flight): float(shift) for flight, shift in kept.summary.get("track_shifts_s", {}).items()
+            },
         )
 
 
@@ -241,8 +269,9 @@ def solve_mission(
             *_warnings(frames, map_frame, settings),
             *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s)),
         ),
-        whole_lags,
-        shifts_s,
+        solution,
+        fix_lags=whole_lags,
+        track_shifts_s=shifts_s,
     )
 
 
@@ -298,6 +327,21 @@ def _settled_view(view: PlaneView, tilt_rad: tuple[float, float], slope: tuple[f
     if tilt_rad == FLAT and slope == FLAT:
         return view
     return replace(view, R_level_camera=level_from_tilt(tilt_rad) @ view.R_level_camera, ground_slope=slope)
+
+
+def _row_by_row(matrix: FloatArray) -> tuple[float, ...]:
+    return tuple(float(v) for v in matrix.ravel())
+
+
+def _kept_place(ref: FrameRef, record: PlacementRecord, ground: HeightField) -> CameraToMap | None:
+    """Return where a frame was placed, ``None`` where it was not."""
+    if record.T_map_plane is not None:
+        return PlanePlacement(_kept_view(ref, record), record.T_map_plane)
+    if record.posed is None:
+        return None
+    posed = record.posed
+    camera = replace(plane_view(ref).camera, focal_px=posed.focal_px, k1=posed.k1)
+    return PosedPlacement(camera, np.array(posed.centre), np.array(posed.R_map_camera).reshape(3, 3), ground)
 
 
 def _kept_view(ref: FrameRef, record: PlacementRecord) -> PlaneView:

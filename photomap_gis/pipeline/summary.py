@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from photomap_gis.store import LensRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,9 +14,9 @@ class MapSummary:
     """The result of a mapping run; ``None`` where a value is unknown.
 
     ``fit_to_gps_rms_m`` is a residual of the fit, not an accuracy; ``predicted_ce90_m`` is the accuracy that the
-    solver's covariances predict, the GPS's own bias included. ``track_lags`` tells by flight how much older its
-    positions were than its pictures (``lag_s``, ``sigma_s``, ``corrected``); flights whose motion does not tell are
-    not in it.
+    solver's covariances predict, the GPS's own bias included. ``lenses`` say what the flight told of its lenses, where
+    cameras could be posed in space. ``track_lags`` tells by flight how much older its positions were than its pictures
+    (``lag_s``, ``sigma_s``, ``corrected``); flights whose motion does not tell are not in it.
     """
 
     mission: str
@@ -33,6 +35,7 @@ class MapSummary:
     warnings: tuple[str, ...]
     reasons: Mapping[str, Mapping[str, int]]
     outputs: tuple[str, ...]
+    lenses: tuple[LensRecord, ...] = ()
     track_lags: Mapping[str, Mapping[str, float | bool]] = field(default_factory=dict)
 
     def as_document(self) -> dict[str, Any]:
@@ -54,5 +57,6 @@ class MapSummary:
             "warnings": list(self.warnings),
             "reasons": {status: dict(r) for status, r in self.reasons.items()},
             "outputs": list(self.outputs),
+            "lenses": [asdict(lens) for lens in self.lenses],
             "track_lags": {flight: dict(lag) for flight, lag in self.track_lags.items()},
         }
