@@ -4,7 +4,7 @@
 a line, ``x y z px py image [name]``, x east (longitude) and y north (latitude). Lines of one place are one point.
 
 CSV: a header with ``name``, ``lat``/``lon`` or ``x``/``y`` (with ``crs``, or the CRS given beside the file), and
-optional ``z``, ``sigma_m``, ``image``, ``px``, ``py``. One line an observation; a line without image gives a place alone.
+optional ``z``, ``sigma_m``, ``image``, ``px``, ``py``. One line each; lines without image give a place alone.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
@@ -16,6 +17,14 @@ from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
+from photomap_gis.pipeline.control import (
+    ControlResult,
+    control_observations,
+    judge_points,
+    moved,
+    nudge_motion,
+    words_on,
+)
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.slam import (
@@ -29,9 +38,17 @@ from photomap_gis.slam import (
     slopes_of_frames,
     solve,
 )
-from photomap_gis.store import Mission, PlacementRecord, PreparedFrame, RegistrationRecord, SolutionRecord
+from photomap_gis.store import (
+    ControlRecord,
+    Mission,
+    PlacementRecord,
+    PreparedFrame,
+    RegistrationRecord,
+    SolutionRecord,
+)
 
 FLAT = (0.0, 0.0)
+_RESULTS: TypeAdapter[tuple[ControlResult, ...]] = TypeAdapter(tuple[ControlResult, ...])
 PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 
@@ -47,6 +64,7 @@ class Solved:
     fit_to_gps_rms_m: float | None = None
     predicted_ce90_m: float | None = None
     warnings: tuple[str, ...] = ()
+    control: tuple[ControlResult, ...] = ()
 
     @property
     def georeferenced(self) -> bool:
@@ -134,6 +152,7 @@ class Solved:
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
             "predicted_ce90_m": self.predicted_ce90_m,
             "warnings": list(self.warnings),
+            "control": _RESULTS.dump_python(self.control, mode="json"),
         }
         mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
 
@@ -166,6 +185,7 @@ class Solved:
             kept.summary.get("fit_to_gps_rms_m"),
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
+            _RESULTS.validate_python(kept.summary.get("control", ())),
         )
 
 
@@ -175,9 +195,17 @@ def solve_mission(
     views: Mapping[int, PlaneView],
     measurements: Measurements,
     settings: MapSettings,
+    *,
+    with_control: bool = True,
 ) -> Solved:
-    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
+    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
+
+    Without ``with_control`` ground control and corrections by hand are left out, and a map that only they place stays
+    relative.
+    """
     prepared, map_frame = measurements.prepared, mission.header.map_frame
+    if not with_control and all(f.fix is None for f in frames):
+        map_frame = MapFrame(None)
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = _leanings({f.index: f for f in usable}, measurements.accepted, prepared)
     builder = GraphBuilder()
@@ -192,14 +220,25 @@ def solve_mission(
         seen = observe(usable, map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
     graph = builder.snapshot()
-    solution = solve(graph)
-    predicted = accuracy(solution, graph)
     slopes = slopes_of_frames(graph.edges)
     tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
     views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
+    control, unused = mission.load_control() if with_control else ControlRecord(), list[str]()
+    if map_frame.crs_wkt is not None and (control.points or control.picks):
+        tried = {f for r in measurements.accepted for f in (r.a, r.b)} & leanings.keys()
+        points, unused = control_observations(control, usable, views, map_frame, tried)
+        builder.observe_points(points)
+        graph = builder.snapshot()
+    solution = solve(graph)
+    predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
+    if control.nudges and map_frame.crs_wkt is not None:
+        trajectory = moved(trajectory, nudge_motion(control.nudges, map_frame))
+    results = judge_points(graph.points, solution.rejected_points, trajectory)
+    aside = words_on(results, graph.points, solution.rejected_points, {f.index: f.name for f in usable})
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
+    tie = "GPS" if graph.positions or map_frame.crs_wkt is None else "two control points in its piece"
     for ref in frames:
         verdict = prepared[ref.index]
         if not verdict.usable:
@@ -209,7 +248,7 @@ def solve_mission(
         elif ref.attitude is not None and ref.attitude.off_nadir_rad > settings.max_off_nadir_rad:
             statuses[ref.index] = FrameStatus.OBLIQUE
         else:
-            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, "no GPS and no registration"
+            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, f"no {tie} and no registration"
         if statuses[ref.index] is FrameStatus.GPS_ONLY:
             reasons[ref.index] = "no registration to a neighbour could be trusted"
         elif statuses[ref.index] is FrameStatus.OBLIQUE:
@@ -222,7 +261,8 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s)),
+        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s), *unused, *aside),
+        results,
     )
 
 
@@ -280,7 +320,8 @@ def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...
     found = []
     if map_frame.crs_wkt is None:
         found.append(
-            "no positions: the map is relative, not georeferenced; give --track FILE, or put the .SRT beside the video"
+            "no positions: the map is relative, not georeferenced; give --track FILE or --gcp FILE, put the .SRT "
+            "beside the video, or pick two places by 'photomap georeference MISSION --pick X,Y=LAT,LON'"
         )
     if any(f.problem is None and (f.camera is None or f.camera.focal_px is None) for f in frames):
         found.append(
