@@ -120,12 +120,11 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"fit to GPS {summary.fit_to_gps_rms_m:.2f} m RMS (how well map and track agree; not the accuracy)"
         )
-    stated = control_lines(summary.control)
-    lines += stated
-    if summary.predicted_ce90_m is not None:
-        tested = "" if any(r.check for r in summary.control) else "; no check points"
-        word, digits = ("accuracy", 1) if tested else ("predicted", 2)
-        lines.append(f"{word:<10} CE90 {summary.predicted_ce90_m:.{digits}f} m predicted, GPS bias included{tested}")
+    lines += control_lines(summary.control)
+    if summary.predicted_ce90_m is not None and any(r.check for r in summary.control):
+        lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m, GPS bias included")
+    elif summary.predicted_ce90_m is not None:
+        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
     for n in summary.nudges:
         lines.append(
             f"by hand    moved {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"
