@@ -122,9 +122,10 @@ def describe(summary: MapSummary) -> str:
         )
     lines += control_lines(summary.control)
     if summary.predicted_ce90_m is not None and any(r.check for r in summary.control):
-        lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m, GPS bias included")
+        lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m by the solution's covariances")
     elif summary.predicted_ce90_m is not None:
-        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
+        bias = "" if summary.fit_to_gps_rms_m is None else ", GPS bias included"
+        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted{bias}; no check points")
     for n in summary.nudges:
         lines.append(
             f"by hand    moved {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"

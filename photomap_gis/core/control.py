@@ -19,7 +19,7 @@ _ORDINALS = {"second": 2, "third": 3, "fourth": 4, "fifth": 5}
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """A control point in one picture: ``image`` is its file name, ``xy_px`` are pixels of the stored raster."""
+    """A control point in one picture: ``image`` is its file name or path, ``xy_px`` are pixels of the stored raster."""
 
     image: str
     xy_px: tuple[float, float]

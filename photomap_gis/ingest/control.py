@@ -4,7 +4,8 @@
 a line, ``x y z px py image [name]``, x east (longitude) and y north (latitude). Lines of one place are one point.
 
 CSV: a header with ``name``, ``lat``/``lon`` or ``x``/``y`` (with ``crs``, or the CRS given beside the file), and
-optional ``z``, ``sigma_m``, ``image``, ``px``, ``py``. One line each; lines without image give a place alone.
+optional ``z``, ``sigma_m``, ``image``, ``px``, ``py``, ``sigma_px``. One line each;
+lines without image give a place alone.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from photomap_gis.core.control import CONTROL_SIGMA_M, ControlPoint, Sighting, is_coordinate
+from photomap_gis.core.control import CLICK_SIGMA_PX, CONTROL_SIGMA_M, ControlPoint, Sighting, is_coordinate
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.telemetry.text import decode_text
 
@@ -32,6 +33,7 @@ _COLUMNS: Mapping[str, tuple[str, ...]] = {
     "crs": ("crs", "epsg", "srs"),
     "sigma": ("sigma_m", "sigma", "accuracy_m", "accuracy"),
     "image": ("image", "img", "photo", "file", "filename", "frame"),
+    "sigma_px": ("sigma_px", "click_sigma_px"),
     "px": ("px", "pixel_x", "col", "x_px", "image_x", "im_x"),
     "py": ("py", "pixel_y", "row", "y_px", "image_y", "im_y"),
 }
@@ -150,7 +152,7 @@ def _read_list(lines: list[tuple[int, str]], gathered: _Gathered, crs: str | Non
         if crs == WGS84 and abs(y) > 90.0 >= abs(x):
             raise gathered.wrong(n, "x must be the longitude and y the latitude: they seem to be swapped")
         name = cells[6] if len(cells) > 6 else gathered.name_at(n, crs, x, y)
-        gathered.add(name, _Point(n, crs, x, y, z, CONTROL_SIGMA_M), Sighting(_file_name(cells[5]), (px, py)))
+        gathered.add(name, _Point(n, crs, x, y, z, CONTROL_SIGMA_M), Sighting(_plain(cells[5]), (px, py)))
 
 
 def _is_observation(line: str) -> bool:
@@ -194,7 +196,10 @@ def _read_csv(
         if row.text("image"):
             if not (row.text("px") and row.text("py")):
                 raise gathered.wrong(n, "an image needs px and py: where in it the point is seen")
-            sighting = Sighting(_file_name(row.text("image")), (row.number("px"), row.number("py")))
+            click = row.number("sigma_px") if row.text("sigma_px") else CLICK_SIGMA_PX
+            if click <= 0.0:
+                raise gathered.wrong(n, f"sigma_px must be above 0, got {click:g}")
+            sighting = Sighting(_plain(row.text("image")), (row.number("px"), row.number("py")), click)
         name = row.text("name") or gathered.name_at(n, where, x, y)
         gathered.add(name, _Point(n, where, x, y, z, sigma), sighting)
 
@@ -220,6 +225,6 @@ class _Row:
         return self.gathered.number(self.line, text.replace(",", ".") if self.decimal_comma else text, key)
 
 
-def _file_name(text: str) -> str:
-    """Return the last part of a path of any system."""
-    return re.split(r"[\\/]", text)[-1]
+def _plain(path: str) -> str:
+    """Return a path of any system with forward slashes."""
+    return path.replace("\\", "/")

@@ -12,7 +12,7 @@ import numpy as np
 
 from photomap_gis.core.accuracy import CheckedAccuracy, PointMiss, checked_accuracy
 from photomap_gis.core.camera import PlaneView
-from photomap_gis.core.control import ControlPoint, Nudge, check_names
+from photomap_gis.core.control import ControlPoint, Nudge, Sighting, check_names
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import FrameRef, GpsFix
 from photomap_gis.core.grid import MapFrame
@@ -97,7 +97,8 @@ def place_map(mission: Mission, control: ControlRecord, frames: Sequence[FrameRe
     ``DataError`` where the points lie far from where the flight was.
     """
     checks = check_names([p.name for p in control.points], control.check)
-    used = [p for p in (*control.points, *control.picks) if p.name not in checks and _pictures(p, frames)]
+    pictures = _Pictures(frames)
+    used = [p for p in (*control.points, *control.picks) if p.name not in checks and pictures.of(p)]
     places = [GpsFix(float(lat), float(lon)) for lon, lat in _lonlat(used, control.source)] if used else []
     fixes = [f.fix for f in frames if f.fix is not None]
     header = mission.header
@@ -138,11 +139,12 @@ def control_observations(
     points = (*control.points, *control.picks)
     if not points:
         return found, words
-    lonlat = _lonlat(points, control.source)
+    pictures, lonlat = _Pictures(frames), _lonlat(points, control.source)
     places = fix_to_map(map_frame, lonlat[:, 1], lonlat[:, 0])
     for point, place in zip(points, places, strict=True):
         before = len(found)
-        for ref, xy_px, click_px in _pictures(point, frames):
+        for ref, sighting in pictures.of(point):
+            xy_px = sighting.xy_px
             if not (-0.5 <= xy_px[0] <= ref.width_px - 0.5 and -0.5 <= xy_px[1] <= ref.height_px - 0.5):
                 words.append(
                     f"control point {point.name} is marked outside {ref.name} ({xy_px[0]:g}, {xy_px[1]:g} in "
@@ -160,7 +162,7 @@ def control_observations(
             found.append(
                 PointObservation(
                     ref.index, np.array(xy_px), xy_plane, place, np.eye(2) * point.sigma_m**2,
-                    math.hypot(click_px, bend), point.name, point.name in checks,
+                    math.hypot(sighting.sigma_px, bend), point.name, point.name in checks,
                 )
             )  # fmt: skip
         if len(found) == before:
@@ -254,21 +256,29 @@ def _lonlat(points: Sequence[ControlPoint], source: str) -> np.ndarray[tuple[int
     return out
 
 
-def _pictures(point: ControlPoint, frames: Sequence[FrameRef]) -> list[tuple[FrameRef, tuple[float, float], float]]:
-    """Return where a point is seen: frame, pixel, sigma of the click. Names that several frames share tell nothing."""
-    out = []
-    for s in point.sightings:
-        image = s.image.lower()
-        named = [f for f in frames if image in _names(f)]
-        if len(named) == 1:
-            out.append((named[0], s.xy_px, s.sigma_px))
-    return out
+class _Pictures:
+    """A plan: the frames by what they may be called (own name, photo's file name, index), in any case of letters."""
 
+    def __init__(self, frames: Sequence[FrameRef]) -> None:
+        self._own = {f.name.lower(): f for f in frames} | {f"#{f.index}": f for f in frames}
+        self._by_file: defaultdict[str, list[FrameRef]] = defaultdict(list)
+        for f in frames:
+            if f.frame_number is None:
+                self._by_file[Path(f.source).name.lower()].append(f)
 
-def _names(ref: FrameRef) -> set[str]:
-    """What a frame may be called: its own name, the name of its photo's file, its index."""
-    names = {ref.name.lower(), f"#{ref.index}"}
-    return names | {Path(ref.source).name.lower()} if ref.frame_number is None else names
+    def __getitem__(self, image: str) -> FrameRef | None:
+        """Return the frame that a control file means; ``None`` where it is none, or one of several."""
+        image = image.lower().lstrip("./")
+        if image in self._own:
+            return self._own[image]
+        named = self._by_file.get(image.rsplit("/", 1)[-1], [])
+        if len(named) > 1:  # two cards with a DJI_0001.JPG each: the folder tells
+            named = [f for f in named if Path(f.source).as_posix().lower().endswith(f"/{image}")]
+        return named[0] if len(named) == 1 else None
+
+    def of(self, point: ControlPoint) -> list[tuple[FrameRef, Sighting]]:
+        """Return where a point is seen."""
+        return [(ref, s) for s in point.sightings if (ref := self[s.image]) is not None]
 
 
 def _check_pictures(control: ControlRecord, frames: Sequence[FrameRef]) -> None:
@@ -279,7 +289,8 @@ def _check_pictures(control: ControlRecord, frames: Sequence[FrameRef]) -> None:
             f"{control.source} does not say where its points are seen: it needs image, px and py; "
             "or pick them on the map by 'photomap georeference --pick'"
         )
-    if not any(_pictures(p, frames) for p in control.points):
+    pictures = _Pictures(frames)
+    if not any(pictures.of(p) for p in control.points):
         raise DataError(
             f"none of the pictures that {control.source} names ({', '.join(named[:3])}, ...) is in the mission "
             f"({', '.join(f.name for f in frames[:3])}, ...)"

@@ -95,6 +95,8 @@ class Solved:
     @property
     def why_nothing(self) -> str:
         """What to tell a user none of whose frames can be pasted."""
+        if self.georeferenced and all(f.fix is None for f in self.frames):
+            return "no piece of the map has two control points of its own: give more by --gcp, or pick places on it"
         if any(s is FrameStatus.OBLIQUE for s in self.statuses.values()):
             return "every frame looks too far off the plumb line for a map: raise --max-off-nadir to paste them anyway"
         return (
@@ -229,6 +231,8 @@ def solve_mission(
         points, unused = control_observations(control, usable, views, map_frame, tried)
         builder.observe_points(points)
         graph = builder.snapshot()
+    elif control.points or control.picks:
+        unused = ["the control points cannot place the map: two or more are needed that its pictures show"]
     solution = solve(graph)
     predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)

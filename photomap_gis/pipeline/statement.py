@@ -39,7 +39,7 @@ def mission_statement(folder: Path) -> tuple[dict[str, Any], str]:
         lines.append(f"fit to GPS {solved.fit_to_gps_rms_m:.2f} m RMS (not the accuracy)")
     lines += control_lines(solved.control)
     if solved.predicted_ce90_m is not None:
-        lines.append(f"predicted  CE90 {solved.predicted_ce90_m:.2f} m, GPS bias included")
+        lines.append(f"predicted  CE90 {solved.predicted_ce90_m:.2f} m by the solution's covariances")
     lines += [
         f"by hand    {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"
         for n in control.nudges

@@ -24,7 +24,7 @@ def test_odm_list():
         sightings=(Sighting("IMG_1.JPG", (320.5, 240.0)), Sighting("IMG_2.JPG", (100.0, 90.0))),
     )  # fmt: skip
     assert unnamed.name == "point-1"
-    assert [s.image for s in unnamed.sightings] == ["IMG_2.JPG", "IMG_3.JPG"]
+    assert [s.image for s in unnamed.sightings] == ["photos/IMG_2.JPG", "/data/IMG_3.JPG"]
 
 
 @pytest.mark.parametrize(
@@ -43,10 +43,11 @@ def test_the_first_line_names_the_crs(line, crs):
 
 
 def test_csv_with_places_in_degrees():
-    head = "Name;Lat;Lon;z;sigma_m;image;px;py"
-    text = f"{head}\nA;51,5;7,25;;0,02;a.jpg;10,5;20\nA;51,5;7,25;;0,02;b.jpg;1;2\nB;51.6;7.3;90;;;;\n"
+    head = "Name;Lat;Lon;z;sigma_m;image;px;py;sigma_px"
+    text = f"{head}\nA;51,5;7,25;;0,02;a.jpg;10,5;20;0,4\nA;51,5;7,25;;0,02;b.jpg;1;2\nB;51.6;7.3;90;;;;\n"
     a, b = parse_control(text, "points.csv")
     assert (a.crs, a.x, a.y, a.z_m, a.sigma_m) == ("EPSG:4326", 7.25, 51.5, None, 0.02)
+    assert [s.sigma_px for s in a.sightings] == [0.4, 1.0]
     assert [s.xy_px for s in a.sightings] == [(10.5, 20.0), (1.0, 2.0)]
     assert (b.name, b.z_m, b.sightings) == ("B", 90.0, ())
 
@@ -76,6 +77,7 @@ def test_csv_in_a_crs_by_column_or_beside_the_file():
         ("name,lat,lon\nA,51,x\n", "line 2: lon is no number"),
         ("name,lat,lon,image\nA,51,7,a.jpg\n", "line 2: an image needs px and py"),
         ("name,lat,lon,sigma\nA,51,7,-1\n", "line 2: sigma must be above 0"),
+        ("name,lat,lon,image,px,py,sigma_px\nA,51,7,a.jpg,1,2,0\n", "line 2: sigma_px must be above 0"),
         ("name,lat,lon\nA\n", "line 2: lon is no number"),
     ],
 )

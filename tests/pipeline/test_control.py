@@ -10,14 +10,21 @@ import rasterio
 from PIL import Image
 
 from photomap_gis.core.accuracy import predicted_sigma_m
+from photomap_gis.core.control import ControlPoint, Sighting
 from photomap_gis.core.errors import DataError, UsageError
+from photomap_gis.core.frame import FrameRef
+from photomap_gis.core.grid import MapFrame
+from photomap_gis.georef import plane_view, resolve_crs
 from photomap_gis.pipeline import ControlRequest, Pick, export_mission, georeference, map_flight, solve_again
+from photomap_gis.pipeline.control import control_observations
 from photomap_gis.pipeline.deliver import Format
 from photomap_gis.pipeline.solve import Solved
 from photomap_gis.simulate import Truth
 from photomap_gis.simulate.evaluate import evaluate_map
 from photomap_gis.simulate.geodesy import GeoFrame
-from photomap_gis.store import Mission
+from photomap_gis.store import ControlRecord, Mission
+
+UTM = resolve_crs("EPSG:32632")
 
 
 def ground_points(truth: Truth, count: int = 9) -> np.ndarray:
@@ -212,3 +219,32 @@ def test_pixels_of_a_picture_of_another_size_are_told(flown, mission, tmp_path):
     path.write_text("\n".join([lines[0], " ".join(cells), *lines[2:]]))
     summary = solve_again(mission, ControlRequest(path))
     assert any("another size" in w for w in summary.warnings)
+
+
+def test_pictures_are_found_by_name_path_or_index():
+    def frame(index, source, **more):
+        return FrameRef(index, more.pop("name", Path(source).name), source, 10, 10, **more)
+
+    frames = [
+        frame(0, "/card/100/A.JPG", name="100/A.JPG"),
+        frame(1, "/card/101/A.JPG", name="101/A.JPG"),
+        frame(2, "/card/B.jpg"),
+        frame(3, "/v/flight.mp4", name="flight#000030", frame_number=30),
+    ]
+    wanted = {"b.JPG": 2, "x/B.jpg": 2, "101/a.jpg": 1, "card/100/A.JPG": 0, "A.JPG": None, "#3": 3, "#9": None}
+    wanted |= {"flight#000030": 3, "flight.mp4": None, "C.JPG": None}
+    for image, index in wanted.items():
+        point = ControlPoint("p", "EPSG:4326", 8.0, 53.0, sightings=(Sighting(image, (5.0, 5.0)),))
+        views = {f.index: plane_view(f) for f in frames}
+        found, words = control_observations(ControlRecord((point,)), frames, views, MapFrame(UTM), ())
+        assert [o.frame for o in found] == ([] if index is None else [index]), image
+        assert bool(words) == (index is None)
+
+
+def test_one_point_alone_places_nothing_and_says_so(flown, tmp_path):
+    photos = strip_gps(flown.photos, tmp_path / "bare")
+    lines = control_list(flown.truth, tmp_path / "gcp_list.txt").read_text().splitlines()
+    (tmp_path / "one.txt").write_text("\n".join(line for line in lines if line.endswith(("32N", " P1"))))
+    summary = map_flight([photos], tmp_path / "m", control=ControlRequest(tmp_path / "one.txt"))
+    assert not summary.georeferenced
+    assert any("two or more are needed" in w for w in summary.warnings)
