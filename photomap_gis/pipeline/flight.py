@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
+from photomap_gis.core.camera import PlaneView
+from photomap_gis.core.frame import FrameRef
 from photomap_gis.georef import plane_view
-from photomap_gis.pipeline.control import ControlRequest, keep_control, place_map, read_request
+from photomap_gis.pipeline.control import (
+    ControlRequest,
+    judge_points,
+    keep_control,
+    moved,
+    nudge_motion,
+    place_map,
+    read_request,
+    words_on,
+)
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
+from photomap_gis.pipeline.in_space import solve_in_space
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
@@ -78,10 +91,34 @@ def map_flight(
             if gained:
                 with clock("solve"):
                     solved = solve_mission(mission, frames, views, measurements, settings, with_control=False)
-        if mission.load_control() != ControlRecord():
-            with clock("solve"):
+        with clock("solve"):
+            if mission.load_control() != ControlRecord():
                 solved = solve_mission(mission, frames, views, measurements, settings)
+            solved = settle(mission, frames, views, measurements, solved)
         return finish(mission, solved, measurements, settings, clock, on_progress)
+
+
+def settle(
+    mission: Mission,
+    frames: Sequence[FrameRef],
+    views: Mapping[int, PlaneView],
+    measurements: Measurements,
+    solved: Solved,
+) -> Solved:
+    """Return the last solution posed in space, corrected by hand, and with what its known points make of it.
+
+    The full solution knows nothing of control points: where they hold the flat one, that stands.
+    """
+    aside = set(() if solved.solution is None else solved.solution.rejected_points)
+    if not any(not p.check and k not in aside for k, p in enumerate(solved.points)):
+        solved = solve_in_space(frames, views, measurements, solved)
+    nudges = mission.load_control().nudges
+    if nudges and solved.georeferenced:
+        motion = nudge_motion(nudges, solved.map_frame)
+        solved = replace(solved, trajectory=moved(solved.trajectory, motion))
+    results = judge_points(solved.points, aside, solved.trajectory)
+    words = words_on(results, solved.points, sorted(aside), {f.index: f.name for f in frames})
+    return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 
 def finish(
