@@ -20,6 +20,7 @@ from photomap_gis.pipeline.control import (
     place_map,
     read_request,
     words_on,
+    words_on_checks,
 )
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
@@ -117,7 +118,9 @@ def settle(
         motion = nudge_motion(nudges, solved.map_frame)
         solved = replace(solved, trajectory=moved(solved.trajectory, motion))
     results = judge_points(solved.points, aside, solved.trajectory)
-    words = words_on(results, solved.points, sorted(aside), {f.index: f.name for f in frames})
+    names = {f.index: f.name for f in frames}
+    words = words_on(results, solved.points, sorted(aside), names)
+    words += words_on_checks(solved.points, solved.trajectory, names)
     return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 

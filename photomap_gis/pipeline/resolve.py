@@ -16,6 +16,7 @@ from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
 from photomap_gis.pipeline.control import ControlRequest, keep_control, place_map, read_request
 from photomap_gis.pipeline.flight import StageClock, finish, settle
@@ -168,9 +169,7 @@ def _with_picks(
     return control
 
 
-def _seen_at(trajectory: Trajectory, xy_map: np.ndarray[tuple[int, ...], np.dtype[np.float64]], pick: Pick) -> tuple[
-    Sighting, ...
-]:  # fmt: skip
+def _seen_at(trajectory: Trajectory, xy_map: FloatArray, pick: Pick) -> tuple[Sighting, ...]:
     """Return which pictures show a place of the map, and where in them: those that have it nearest their middle."""
     found = []
     for p in trajectory.placements:
