@@ -7,16 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.ground import HeightField
 from photomap_gis.core.placement import CameraToMap, FramePlacement, PlanePlacement, PosedPlacement
-from photomap_gis.core.posegraph import Solution, Trajectory
+from photomap_gis.core.posegraph import PointObservation, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
+from photomap_gis.pipeline.control import ControlResult, control_observations
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.slam import (
@@ -31,6 +33,7 @@ from photomap_gis.slam import (
     solve,
 )
 from photomap_gis.store import (
+    ControlRecord,
     GroundRecord,
     LensRecord,
     Mission,
@@ -42,6 +45,7 @@ from photomap_gis.store import (
 )
 
 FLAT = (0.0, 0.0)
+_RESULTS: TypeAdapter[tuple[ControlResult, ...]] = TypeAdapter(tuple[ControlResult, ...])
 PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 
@@ -63,6 +67,8 @@ class Solved:
     warnings: tuple[str, ...] = ()
     solution: Solution | None = None
     lenses: tuple[LensRecord, ...] = ()
+    points: tuple[PointObservation, ...] = ()
+    control: tuple[ControlResult, ...] = ()
 
     @property
     def georeferenced(self) -> bool:
@@ -93,6 +99,8 @@ class Solved:
     @property
     def why_nothing(self) -> str:
         """What to tell a user none of whose frames can be pasted."""
+        if self.georeferenced and all(f.fix is None for f in self.frames):
+            return "no piece of the map has two control points of its own: give more by --gcp, or pick places on it"
         if any(s is FrameStatus.OBLIQUE for s in self.statuses.values()):
             return "every frame looks too far off the plumb line for a map: raise --max-off-nadir to paste them anyway"
         return (
@@ -154,6 +162,7 @@ class Solved:
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
             "predicted_ce90_m": self.predicted_ce90_m,
             "warnings": list(self.warnings),
+            "control": _RESULTS.dump_python(self.control, mode="json"),
         }
         grounds = (p.camera_to_map.ground for p in placed.values() if isinstance(p.camera_to_map, PosedPlacement))
         ground = next(grounds, None)
@@ -192,6 +201,7 @@ class Solved:
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
             lenses=kept.lenses,
+            control=_RESULTS.validate_python(kept.summary.get("control", ())),
         )
 
 
@@ -201,9 +211,16 @@ def solve_mission(
     views: Mapping[int, PlaneView],
     measurements: Measurements,
     settings: MapSettings,
+    *,
+    with_control: bool = True,
 ) -> Solved:
-    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
+    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
+
+    Without ``with_control`` ground control is left out, and a map that it alone places stays relative.
+    """
     prepared, map_frame = measurements.prepared, mission.header.map_frame
+    if not with_control and all(f.fix is None for f in frames):
+        map_frame = MapFrame(None)
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = _leanings({f.index: f for f in usable}, measurements.accepted, prepared)
     builder = GraphBuilder()
@@ -218,14 +235,23 @@ def solve_mission(
         seen = observe(usable, map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
     graph = builder.snapshot()
-    solution = solve(graph)
-    predicted = accuracy(solution, graph)
     slopes = slopes_of_frames(graph.edges)
     tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
     views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
+    control, unused = mission.load_control() if with_control else ControlRecord(), list[str]()
+    if map_frame.crs_wkt is not None and (control.points or control.picks):
+        tried = {f for r in measurements.accepted for f in (r.a, r.b)} & leanings.keys()
+        points, unused = control_observations(control, usable, views, map_frame, tried)
+        builder.observe_points(points)
+        graph = builder.snapshot()
+    elif control.points or control.picks:
+        unused = ["the control points cannot place the map: two or more are needed that its pictures show"]
+    solution = solve(graph)
+    predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
+    tie = "GPS" if graph.positions or map_frame.crs_wkt is None else "two control points in its piece"
     for ref in frames:
         verdict = prepared[ref.index]
         if not verdict.usable:
@@ -235,7 +261,7 @@ def solve_mission(
         elif ref.attitude is not None and ref.attitude.off_nadir_rad > settings.max_off_nadir_rad:
             statuses[ref.index] = FrameStatus.OBLIQUE
         else:
-            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, "no GPS and no registration"
+            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, f"no {tie} and no registration"
         if statuses[ref.index] is FrameStatus.GPS_ONLY:
             reasons[ref.index] = "no registration to a neighbour could be trusted"
         elif statuses[ref.index] is FrameStatus.OBLIQUE:
@@ -248,8 +274,9 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s)),
+        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s), *unused),
         solution,
+        points=graph.points,
     )
 
 
@@ -322,7 +349,8 @@ def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...
     found = []
     if map_frame.crs_wkt is None:
         found.append(
-            "no positions: the map is relative, not georeferenced; give --track FILE, or put the .SRT beside the video"
+            "no positions: the map is relative, not georeferenced; give --track FILE or --gcp FILE, put the .SRT "
+            "beside the video, or pick two places by 'photomap georeference MISSION --pick X,Y=LAT,LON'"
         )
     if any(f.problem is None and (f.camera is None or f.camera.focal_px is None) for f in frames):
         found.append(
