@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from photomap_gis.cli.control_options import control_options, control_request
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.source_options import ingest_options, source_options
 from photomap_gis.core.errors import UsageError
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 @click.option("--antenna-offset", metavar="F,R,D",
               help="Metres from camera to GPS antenna: forward, right, down of the vehicle.")  # fmt: skip
 @source_options
+@control_options
 @click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
 @click.option("--memory", "memory_mb", type=click.IntRange(128), default=512, show_default=True, metavar="MB",
               help="Memory for pictures while rendering.")  # fmt: skip
@@ -43,6 +45,9 @@ def command(
     antenna_offset: str | None,
     workers: int | None,
     memory_mb: int,
+    gcp: Path | None,
+    gcp_crs: str | None,
+    check: str | None,
     as_json: bool,
     quiet: bool,
     **source: object,
@@ -54,6 +59,7 @@ def command(
     photomap map DJI_0001.MP4 DJI_0002.MP4 -o flight-2        # .SRT files lie beside
     photomap map flight.mp4 --track flight.tlog --fov-deg 78 -o flight-3
     photomap map --add flight-1 SECOND_CARD
+    photomap map DCIM/100MEDIA -o flight-4 --gcp gcp_list.txt --check every-third
 
     MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
     command on the same folder resumes a run that was stopped.
@@ -73,8 +79,14 @@ def command(
     )
     folder = add or mission
     assert folder is not None  # told apart above
+    control = control_request(gcp, gcp_crs, check)
     with ProgressBars(quiet=quiet) as bars:
-        summary = map_flight(sources, folder, settings, add=add is not None, on_progress=bars)
+        summary = map_flight(sources, folder, settings, add=add is not None, control=control, on_progress=bars)
+    tell(summary, as_json=as_json)
+
+
+def tell(summary: MapSummary, *, as_json: bool) -> None:
+    """Print what a run tells: one document or words on stdout, warnings on stderr."""
     if as_json:
         click.echo(json.dumps(summary.as_document(), indent=1))
     else:
@@ -98,11 +110,16 @@ def antenna_offset_m(text: str | None) -> tuple[float, float, float]:
 
 def describe(summary: MapSummary) -> str:
     """Return the summary as a person reads it."""
+    from photomap_gis.pipeline.summary import control_lines
+
     total = summary.frames["total"]
     seconds = sum(summary.seconds.values())
     lines = [f"map        {summary.map}"]
     if not summary.georeferenced:
-        lines.append("           NOT GEOREFERENCED: a relative map in pixels of its first frame; there was no GPS")
+        lines.append(
+            "           NOT GEOREFERENCED: a relative map in pixels of its first frame; there was no GPS; "
+            "see 'photomap georeference'"
+        )
     for status, count in summary.frames.items():
         if status != "total" and count:
             reasons = ", ".join(f"{n} {why}" for why, n in summary.reasons.get(status, {}).items() if why)
@@ -124,9 +141,17 @@ def describe(summary: MapSummary) -> str:
     for flight, lag in summary.track_lags.items():
         lines.append(f"clocks     {flight}: positions {lag['lag_s']:+.2f} s older than the pictures, "
                      f"sigma {lag['sigma_s']:.2f} s{'; corrected' if lag['corrected'] else ''}")  # fmt: skip
-    if summary.predicted_ce90_m is not None:
-        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
     lines += [f"lens       {words_of(lens)}" for lens in summary.lenses]
+    lines += control_lines(summary.control)
+    if summary.predicted_ce90_m is not None and any(r.check for r in summary.control):
+        lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m by the solution's covariances")
+    elif summary.predicted_ce90_m is not None:
+        bias = "" if summary.fit_to_gps_rms_m is None else ", GPS bias included"
+        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted{bias}; no check points")
+    for n in summary.nudges:
+        lines.append(
+            f"by hand    moved {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"
+        )
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
     lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
     return "\n".join(lines)

@@ -1,9 +1,22 @@
 """The corridor: the only place that knows the order of the stages."""
 
+from photomap_gis.pipeline.control import ControlRequest
 from photomap_gis.pipeline.deliver import Format, export_mission
 from photomap_gis.pipeline.flight import map_flight
 from photomap_gis.pipeline.graph import export_graph
+from photomap_gis.pipeline.resolve import Pick, georeference, solve_again
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.pipeline.summary import MapSummary
 
-__all__ = ["Format", "MapSettings", "MapSummary", "export_graph", "export_mission", "map_flight"]
+__all__ = [
+    "ControlRequest",
+    "Format",
+    "MapSettings",
+    "MapSummary",
+    "Pick",
+    "export_graph",
+    "export_mission",
+    "georeference",
+    "map_flight",
+    "solve_again",
+]

@@ -16,7 +16,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.georef import DRIFT_SIGMA_M, DRIFT_TIME_S, WHITE_SIGMA_M, fix_to_map
 from photomap_gis.ingest.kept_track import frame_time_s, placed_anew
-from photomap_gis.pipeline.solve import build_graph, leanings_of
+from photomap_gis.pipeline.solve import graph_builder, leanings_of
 from photomap_gis.slam import ErrorModel, find_shift, solve
 from photomap_gis.store import Mission, PreparedFrame, RegistrationRecord
 
@@ -45,7 +45,7 @@ def track_shifts(
     usable = [f for f in frames if prepared[f.index].usable]
     chain = [r for r in accepted if r.kind is EdgeKind.SEQUENTIAL]
     leanings = leanings_of({f.index: f for f in usable}, chain, prepared)
-    relative = solve(build_graph(usable, chain, prepared, MapFrame(None), leanings))
+    relative = solve(graph_builder(usable, chain, prepared, MapFrame(None), leanings).snapshot())
     times = {f.index: when for f in usable if (when := frame_time_s(f)) is not None}
     flights = {f.index: f.flight for f in usable}
     found = {}

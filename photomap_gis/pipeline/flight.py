@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
+from photomap_gis.core.camera import PlaneView
+from photomap_gis.core.frame import FrameRef
 from photomap_gis.georef import plane_view
 from photomap_gis.pipeline.align import aligned, track_shifts
+from photomap_gis.pipeline.control import (
+    ControlRequest,
+    judge_points,
+    keep_control,
+    moved,
+    nudge_motion,
+    place_map,
+    read_request,
+    words_on,
+    words_on_checks,
+)
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
 from photomap_gis.pipeline.in_space import solve_in_space
@@ -16,8 +30,9 @@ from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.pipeline.solve import solve_mission
+from photomap_gis.pipeline.solve import Solved, solve_mission
 from photomap_gis.pipeline.summary import MapSummary
+from photomap_gis.store import ControlRecord, Mission
 
 
 class StageClock:
@@ -42,19 +57,28 @@ def map_flight(
     settings: MapSettings | None = None,
     *,
     add: bool = False,
+    control: ControlRequest | None = None,
     on_progress: Progress = lambda stage, done, total: None,
 ) -> MapSummary:
     """Turn photos or videos into a mission folder with its map, and return what there is to tell about it.
 
     Frames are read and judged, registered each to its predecessor, solved with GPS, registered again wherever the
-    solution says that they overlap, solved again, drawn and exported. With ``add`` the sources extend the mission in
-    ``folder``; without it a mission of the same sources and settings is resumed. Raises ``PhotomapError`` children.
+    solution says that they overlap, solved again, drawn and exported. Ground control enters the last solution alone:
+    what is registered does not hang on it, so that solving again with other points comes to the same map. With ``add``
+    the sources extend the mission in ``folder``; without it a mission of the same sources and settings is resumed.
+    Ground control that is asked for takes the place of what the mission has of it; without it that holds. Raises
+    ``PhotomapError`` children.
     """
     clock = StageClock()
+    read_request(control)
     with clock("ingest"):
-        mission, settings = open_mission(sources, folder, settings or MapSettings(), add=add, on_progress=on_progress)
+        mission, settings = open_mission(
+            sources, folder, settings or MapSettings(), add=add, on_progress=on_progress,
+            with_control=control is not None and control.file is not None,
+        )  # fmt: skip
     with mission:
         frames = tuple(mission.frames)
+        place_map(mission, keep_control(mission, control, frames), frames, settings.crs)
         views = {f.index: plane_view(f) for f in frames}
         with clock("read"):
             prepared = prepare_frames(mission, frames, views, settings, on_progress)
@@ -66,20 +90,62 @@ def map_flight(
             if settings.ingest.track_offset_s is None:
                 shifts_s = track_shifts(mission, frames, measurements.accepted, prepared)
                 frames = aligned(mission, frames, shifts_s)
-            solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
+            solved = solve_mission(
+                mission, frames, views, measurements, settings, with_control=False, shifts_s=shifts_s
+            )
         for more in (measurements.take_loops, measurements.take_missing):
             with clock("loops"):
                 gained = more(solved.clusters(views))
             if gained:
                 with clock("solve"):
-                    solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
+                    solved = solve_mission(
+                        mission, frames, views, measurements, settings, with_control=False, shifts_s=shifts_s
+                    )
         with clock("solve"):
-            solved = solve_in_space(frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m)
-            solved.save(mission)
-        with clock("render"):
-            maps = draw_maps(mission, solved, settings, on_progress)
-        with clock("export"):
-            outputs = deliver(mission, solved, maps, on_progress)
+            if mission.load_control() != ControlRecord():
+                solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
+            solved = settle(mission, frames, views, measurements, settings, solved)
+        return finish(mission, solved, measurements, settings, clock, on_progress)
+
+
+def settle(
+    mission: Mission,
+    frames: Sequence[FrameRef],
+    views: Mapping[int, PlaneView],
+    measurements: Measurements,
+    settings: MapSettings,
+    solved: Solved,
+) -> Solved:
+    """Return the last solution posed in space, corrected by hand, and with what its known points make of it."""
+    aside = set(() if solved.solution is None else solved.solution.rejected_points)
+    solved = solve_in_space(frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m)
+    nudges = mission.load_control().nudges
+    if nudges and solved.georeferenced:
+        motion = nudge_motion(nudges, solved.map_frame)
+        solved = replace(solved, trajectory=moved(solved.trajectory, motion))
+    results = judge_points(solved.points, aside, solved.trajectory)
+    names = {f.index: f.name for f in frames}
+    words = words_on(results, solved.points, sorted(aside), names)
+    words += words_on_checks(solved.points, solved.trajectory, names)
+    return replace(solved, control=results, warnings=(*solved.warnings, *words))
+
+
+def finish(
+    mission: Mission,
+    solved: Solved,
+    measurements: Measurements,
+    settings: MapSettings,
+    clock: StageClock,
+    on_progress: Progress,
+) -> MapSummary:
+    """Keep a solution, draw and export its map, and return what there is to tell about it."""
+    folder = mission.folder
+    with clock("solve"):
+        solved.save(mission)
+    with clock("render"):
+        maps = draw_maps(mission, solved, settings, on_progress)
+    with clock("export"):
+        outputs = deliver(mission, solved, maps, on_progress)
     first = maps[0]
     return MapSummary(
         mission=str(folder),
@@ -89,7 +155,7 @@ def map_flight(
         gsd_m_per_px=first.store.grid.pixel_size,
         area_m2=first.area if solved.georeferenced else None,
         bounds=first.store.grid.bounds,
-        frames={"total": len(frames), **solved.count_by_status()},
+        frames={"total": len(solved.frames), **solved.count_by_status()},
         registrations=measurements.count_accepted(),
         segments=solved.segments,
         fit_to_gps_rms_m=solved.fit_to_gps_rms_m,
@@ -100,4 +166,6 @@ def map_flight(
         outputs=tuple(str(p) for p in outputs),
         track_lags=solved.track_lags({f.id: f.name for f in mission.flights}),
         lenses=solved.lenses,
+        control=solved.control,
+        nudges=mission.load_control().nudges,
     )

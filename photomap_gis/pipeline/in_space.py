@@ -13,13 +13,13 @@ import numpy as np
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.frame import FrameRef, level_rotation
 from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
-from photomap_gis.core.posegraph import PositionObservation, Trajectory
+from photomap_gis.core.posegraph import PointObservation, PositionObservation, Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
 from photomap_gis.ifmi.template import GRID
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.solve import Solved
-from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, TieSet, View, bundle_adjust
+from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
 from photomap_gis.slam.bundle.fixes import fix_information
 from photomap_gis.slam.lag import without_lag
 from photomap_gis.slam.place import GPS_METHOD
@@ -77,7 +77,7 @@ def solve_in_space(
         fixes = seen.positions
         if solved.solution is not None:
             fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
-    problem = _problem([starts[f] for f in order], node, ties, fixes)
+    problem = _problem([starts[f] for f in order], node, ties, fixes, _used_points(solved, node))
     try:
         bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
@@ -122,6 +122,7 @@ def _problem(
     node: Mapping[int, int],
     ties: TieSet,
     fixes: Sequence[PositionObservation],
+    points: Sequence[PointObservation],
 ) -> BundleProblem:
     views = tuple(s.view for s in starts)
     lenses: dict[int, Lens] = {}
@@ -137,6 +138,10 @@ def _problem(
     information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
     pieces = {s.placement.segment for s in starts}
     fixed = {starts[k].placement.segment for k in fix_of.tolist()}
+    seen: dict[int, set[str]] = {}
+    for p in points:
+        seen.setdefault(starts[node[p.frame]].placement.segment, set()).add(p.name)
+    fixed |= {piece for piece, names in seen.items() if len(names) >= 2}
     held = [next(k for k, s in enumerate(starts) if s.placement.segment == piece) for piece in sorted(pieces - fixed)]
     return BundleProblem(
         views,
@@ -146,7 +151,36 @@ def _problem(
         np.array([o.xy_map_m for o in used]).reshape(-1, 2),
         information,
         np.array(held, np.intp),
+        _marks(points, node, views, lenses, number),
     )
+
+
+def _used_points(solved: Solved, node: Mapping[int, int]) -> list[PointObservation]:
+    """Return the known points that the flat solution was held by, in frames that are posed."""
+    aside = set() if solved.solution is None else set(solved.solution.rejected_points)
+    return [p for k, p in enumerate(solved.points) if not p.check and k not in aside and p.frame in node]
+
+
+def _marks(
+    points: Sequence[PointObservation],
+    node: Mapping[int, int],
+    views: Sequence[View],
+    lenses: Mapping[int, Lens],
+    number: Mapping[int, int],
+) -> Marks:
+    """Return known points as marks: sightings of one point share the error of its place."""
+    if not points:
+        return Marks.none()
+    focal = {number[k]: lens.focal_px for k, lens in lenses.items()}
+    view = np.array([node[p.frame] for p in points], np.intp)
+    covariance = np.zeros((2 * len(points), 2 * len(points)))
+    for i, p in enumerate(points):
+        for j, q in enumerate(points):
+            if p.name == q.name:
+                covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = (p.covariance_m2 + q.covariance_m2) / 2.0
+        pixel = -float(views[view[i]].centre[2]) / focal[views[view[i]].lens]
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += (p.sigma_px * pixel) ** 2 * np.eye(2)
+    return Marks(view, np.array([p.xy_px for p in points]), np.array([p.xy_map_m for p in points]), covariance)
 
 
 def _tie_set(

@@ -7,16 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.ground import HeightField
 from photomap_gis.core.placement import CameraToMap, FramePlacement, PlanePlacement, PosedPlacement
-from photomap_gis.core.posegraph import FixLag, PoseGraph, Solution, Trajectory
+from photomap_gis.core.posegraph import FixLag, PointObservation, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
+from photomap_gis.pipeline.control import ControlResult, control_observations
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.slam import (
@@ -42,6 +44,7 @@ from photomap_gis.store import (
 )
 
 FLAT = (0.0, 0.0)
+_RESULTS: TypeAdapter[tuple[ControlResult, ...]] = TypeAdapter(tuple[ControlResult, ...])
 UNREFINED_SIGMA_S = 0.5
 """Of the shift of a whole track that the solver could not refine."""
 PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
@@ -65,6 +68,8 @@ class Solved:
     warnings: tuple[str, ...] = ()
     solution: Solution | None = None
     lenses: tuple[LensRecord, ...] = ()
+    points: tuple[PointObservation, ...] = ()
+    control: tuple[ControlResult, ...] = ()
     fix_lags: Mapping[int, FixLag] = field(default_factory=dict)
     track_shifts_s: Mapping[int, float] = field(default_factory=dict)
 
@@ -97,6 +102,8 @@ class Solved:
     @property
     def why_nothing(self) -> str:
         """What to tell a user none of whose frames can be pasted."""
+        if self.georeferenced and all(f.fix is None for f in self.frames):
+            return "no piece of the map has two control points of its own: give more by --gcp, or pick places on it"
         if any(s is FrameStatus.OBLIQUE for s in self.statuses.values()):
             return "every frame looks too far off the plumb line for a map: raise --max-off-nadir to paste them anyway"
         return (
@@ -167,6 +174,7 @@ class Solved:
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
             "predicted_ce90_m": self.predicted_ce90_m,
             "warnings": list(self.warnings),
+            "control": _RESULTS.dump_python(self.control, mode="json"),
             "fix_lags": {str(flight): [lag.lag_s, lag.sigma_s] for flight, lag in self.fix_lags.items()},
             "track_shifts_s": {str(flight): shift for flight, shift in self.track_shifts_s.items()},
         }
@@ -207,6 +215,7 @@ class Solved:
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
             lenses=kept.lenses,
+            control=_RESULTS.validate_python(kept.summary.get("control", ())),
             fix_lags={int(flight): FixLag(*lag) for flight, lag in kept.summary.get("fix_lags", {}).items()},
             track_shifts_s={
                 int(flight): float(shift) for flight, shift in kept.summary.get("track_shifts_s", {}).items()
@@ -221,28 +230,38 @@ def solve_mission(
     measurements: Measurements,
     settings: MapSettings,
     *,
+    with_control: bool = True,
     shifts_s: Mapping[int, float] | None = None,
 ) -> Solved:
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
 
-    ``shifts_s`` are the shifts of whole tracks, by flight, under which ``frames`` have their places; ``views`` are
-    those that the frames were registered by.
+    Without ``with_control`` ground control is left out, and a map that it alone places stays relative. ``shifts_s`` are
+    the shifts of whole tracks, by flight, under which ``frames`` have their places; ``views`` are those that the frames
+    were registered by.
     """
     shifts_s = shifts_s or {}
     prepared, map_frame = measurements.prepared, mission.header.map_frame
+    if not with_control and all(f.fix is None for f in frames):
+        map_frame = MapFrame(None)
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = leanings_of({f.index: f for f in usable}, measurements.accepted, prepared)
-    graph = build_graph(
+    builder = graph_builder(
         usable, measurements.accepted, prepared, map_frame, leanings, antenna_offset_m=settings.antenna_offset_m
     )
-    solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
-    predicted = accuracy(solution, graph)
+    graph = builder.snapshot()
     slopes = slopes_of_frames(graph.edges)
     tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
-    views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
+    views = {f: settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
+    unused: list[str] = []
+    if with_control:
+        unused = observe_control(builder, mission, usable, views, map_frame, measurements.accepted)
+        graph = builder.snapshot()
+    solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
+    predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
+    tie = "GPS" if graph.positions or map_frame.crs_wkt is None else "two control points in its piece"
     for ref in frames:
         verdict = prepared[ref.index]
         if not verdict.usable:
@@ -252,7 +271,7 @@ def solve_mission(
         elif ref.attitude is not None and ref.attitude.off_nadir_rad > settings.max_off_nadir_rad:
             statuses[ref.index] = FrameStatus.OBLIQUE
         else:
-            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, "no GPS and no registration"
+            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, f"no {tie} and no registration"
         if statuses[ref.index] is FrameStatus.GPS_ONLY:
             reasons[ref.index] = "no registration to a neighbour could be trusted"
         elif statuses[ref.index] is FrameStatus.OBLIQUE:
@@ -268,14 +287,16 @@ def solve_mission(
         (
             *_warnings(frames, map_frame, settings),
             *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s)),
+            *unused,
         ),
         solution,
+        points=graph.points,
         fix_lags=whole_lags,
         track_shifts_s=shifts_s,
     )
 
 
-def build_graph(
+def graph_builder(
     usable: Sequence[FrameRef],
     accepted: Sequence[RegistrationRecord],
     prepared: Mapping[int, PreparedFrame],
@@ -283,8 +304,8 @@ def build_graph(
     leanings: Mapping[int, Leaning],
     *,
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> PoseGraph:
-    """Return the graph of accepted registrations and of what fixes, heights and attitudes say."""
+) -> GraphBuilder:
+    """Return the builder with the graph of accepted registrations and of what fixes, heights and attitudes say."""
     builder = GraphBuilder()
     for ref in usable:
         builder.add_frame(ref.index)
@@ -296,7 +317,28 @@ def build_graph(
     if map_frame.crs_wkt is not None:
         seen = observe(usable, map_frame, antenna_offset_m=antenna_offset_m)
         builder.observe(seen.positions, seen.scales, seen.headings)
-    return builder.snapshot()
+    return builder
+
+
+def observe_control(
+    builder: GraphBuilder,
+    mission: Mission,
+    usable: Sequence[FrameRef],
+    views: Mapping[int, PlaneView],
+    map_frame: MapFrame,
+    accepted: Sequence[RegistrationRecord],
+) -> list[str]:
+    """Add what the mission's known points say in these views, and return what a user should know of unused ones."""
+    control = mission.load_control()
+    if not (control.points or control.picks):
+        return []
+    if map_frame.crs_wkt is None:
+        return ["the control points cannot place the map: two or more are needed that its pictures show"]
+    lenses = {f.index for f in usable if f.camera is not None and f.camera.focal_px is not None}
+    tried = {f for r in accepted for f in (r.a, r.b)} & lenses
+    points, unused = control_observations(control, usable, views, map_frame, tried)
+    builder.observe_points(points)
+    return unused
 
 
 def leanings_of(
@@ -322,7 +364,7 @@ def leanings_of(
     return found
 
 
-def _settled_view(view: PlaneView, tilt_rad: tuple[float, float], slope: tuple[float, float]) -> PlaneView:
+def settled_view(view: PlaneView, tilt_rad: tuple[float, float], slope: tuple[float, float]) -> PlaneView:
     """Return a frame's view with what the solution found out of tilt and ground."""
     if tilt_rad == FLAT and slope == FLAT:
         return view
@@ -389,7 +431,8 @@ def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame, settings: MapSett
         )
     if map_frame.crs_wkt is None:
         found.append(
-            "no positions: the map is relative, not georeferenced; give --track FILE, or put the .SRT beside the video"
+            "no positions: the map is relative, not georeferenced; give --track FILE or --gcp FILE, put the .SRT "
+            "beside the video, or pick two places by 'photomap georeference MISSION --pick X,Y=LAT,LON'"
         )
     if any(f.problem is None and (f.camera is None or f.camera.focal_px is None) for f in frames):
         found.append(
