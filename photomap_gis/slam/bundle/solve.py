@@ -41,6 +41,7 @@ OBSERVABLE = 0.5
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
+GROWTH = 0.3
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
 LARGE = 1500
@@ -200,7 +201,7 @@ def _spot_prior(
 ) -> SpotPrior:
     """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
 
-    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides.
+    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides, and heights may grow with the world.
     """
     xy = _spots_xy(problem, state)
     z = -ground.at(xy)
@@ -209,8 +210,10 @@ def _spot_prior(
         return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0))
     reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
     u, v = ((xy - np.median(xy, axis=0)) / reach).T
-    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
-    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
+    # all heights may grow together: they do with the whole world, whose size only fixes and heights tell
+    grown = (state.z - z, z - z.mean())
+    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0, *grown], axis=1)
+    sigma = np.array([*reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl]), GROWTH, GROWTH])
     return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma)
 
 
