@@ -75,24 +75,31 @@ def read_request(request: ControlRequest | None) -> tuple[str, tuple[ControlPoin
     return text, points
 
 
-def keep_control(mission: Mission, request: ControlRequest | None, frames: Sequence[FrameRef]) -> ControlRecord:
-    """Keep what is asked for in the mission and return all its ground control; what is not asked for stays."""
-    kept = mission.load_control()
+def keep_request(mission: Mission, request: ControlRequest | None, frames: Sequence[FrameRef], crs: str | None) -> None:
+    """Keep the ground control that is asked for in the mission and place its map by all that it then has.
+
+    What is not asked for stays. Where it cannot be used, the mission stays as it is.
+    """
+    kept, text = mission.load_control(), None
     read = read_request(request)
-    if request is None:
-        return kept
-    if read is not None and request.file is not None:
+    if read is not None and request is not None and request.file is not None:
         text, points = read
         kept = replace(kept, points=points, source=request.file.name, check=request.check or ())
         _check_pictures(kept, frames)
-        mission.save_control(kept, text)
-    elif request.check is not None:
+    elif request is not None and request.check is not None:
         if not kept.points:
             raise UsageError("--check needs control points: give them by --gcp FILE")
-        check_names([p.name for p in kept.points], request.check)
         kept = replace(kept, check=request.check)
-        mission.save_control(kept)
-    return kept
+    keep_control(mission, kept, frames, crs, text=text)
+
+
+def keep_control(
+    mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None, *, text: str | None = None
+) -> None:
+    """Place a mission's map by this ground control, and keep it; ``text`` is the file that it was read from."""
+    place_map(mission, control, frames, crs)
+    if control != mission.load_control() or text is not None:
+        mission.save_control(control, text)
 
 
 def place_map(mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None) -> None:

@@ -14,10 +14,9 @@ from photomap_gis.georef import plane_view
 from photomap_gis.pipeline.control import (
     ControlRequest,
     judge_points,
-    keep_control,
+    keep_request,
     moved,
     nudge_motion,
-    place_map,
     read_request,
     words_on,
     words_on_checks,
@@ -77,7 +76,7 @@ def map_flight(
         )  # fmt: skip
     with mission:
         frames = tuple(mission.frames)
-        place_map(mission, keep_control(mission, control, frames), frames, settings.crs)
+        keep_request(mission, control, frames, settings.crs)
         views = {f.index: plane_view(f) for f in frames}
         with clock("read"):
             prepared = prepare_frames(mission, frames, views, settings, on_progress)

@@ -233,6 +233,14 @@ def test_pixels_of_a_picture_of_another_size_are_told(flown, mission, tmp_path):
     assert any("another size" in w for w in summary.warnings)
 
 
+def test_control_of_another_place_leaves_no_trace_in_a_new_mission(flown, tmp_path):
+    gcp = control_list(flown.truth, tmp_path / "gcp_list.txt")
+    gcp.write_text(gcp.read_text().replace("32N", "33N"))
+    with pytest.raises(DataError, match="km from the flight"):
+        map_flight([flown.photos], tmp_path / "m", control=ControlRequest(gcp))
+    assert not (tmp_path / "m" / "control.json").exists()
+
+
 def test_a_check_point_marked_wrongly_in_one_picture_is_told(flown, mission, tmp_path):
     lines = control_list(flown.truth, tmp_path / "gcp_list.txt").read_text().splitlines()
     row = next(k for k, line in enumerate(lines) if line.endswith(" P3"))
