@@ -15,6 +15,7 @@ from photomap_gis.core.errors import UsageError
 
 if TYPE_CHECKING:
     from photomap_gis.pipeline import MapSummary
+    from photomap_gis.store import LensRecord
 
 
 @click.command(name="map", short_help="Make a georeferenced photo map from photos or a video.")
@@ -130,6 +131,19 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"by hand    moved {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"
         )
+    lines += [f"lens       {words_of(lens)}" for lens in summary.lenses]
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
     lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
     return "\n".join(lines)
+
+
+def words_of(lens: LensRecord) -> str:
+    """Return what the flight told of a lens, as a person reads it."""
+    if lens.focal_observed:
+        sure = f"± {100 * lens.focal_sigma_rel:.2f} %"
+        focal = f"focal length {lens.focal_px:.1f} px {sure} (file: {lens.focal_before_px:.1f})"
+    else:
+        focal = f"focal length {lens.focal_px:.1f} px as the file says: not observable in this flight"
+    if lens.k1_observed:
+        return f"{focal}; distortion k1 {lens.k1:+.4f} ± {lens.k1_sigma:.4f}"
+    return f"{focal}; distortion not observable in this flight"

@@ -173,7 +173,7 @@ def control_observations(
             found.append(
                 PointObservation(
                     ref.index, np.array(xy_px), xy_plane, place, np.eye(2) * point.sigma_m**2,
-                    math.hypot(sighting.sigma_px, bend), point.name, point.name in checks,
+                    math.hypot(sighting.sigma_px, bend), point.name, point.name in checks, bend_px=bend,
                 )
             )  # fmt: skip
         if len(found) == before:

@@ -159,4 +159,5 @@ def finish(
         outputs=tuple(str(p) for p in outputs),
         control=solved.control,
         nudges=mission.load_control().nudges,
+        lenses=solved.lenses,
     )

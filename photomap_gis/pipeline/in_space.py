@@ -30,7 +30,8 @@ logger = logging.getLogger(__name__)
 FEWEST_FRAMES = 3
 MOST_FRAMES = 1200
 """The system is dense: beyond this it would no longer fit an ordinary laptop."""
-MOST_TIES = 150_000
+TIES, TIES_A_FRAME, MOST_TIES = 30_000, 150, 150_000
+"""Ties that are enough, those a frame where there are many frames, and those that are never exceeded."""
 UNKNOWN_TILT_RAD = 0.07
 """A camera that does not say how it leans looks down to within some four degrees."""
 MIN_TIE_SIGMA_WORK_PX = 0.03
@@ -149,7 +150,7 @@ def _tie_set(
 ) -> TieSet:
     """Return all ties in raster pixels, anchor by anchor; of very many, the same part of the places of every frame."""
     total = sum(len(r.registration.ties or ()) for r in records)
-    stride = max(1, math.ceil(total / MOST_TIES))
+    stride = max(1, math.ceil(total / min(max(TIES, TIES_A_FRAME * len(node)), MOST_TIES)))
     parts = []
     for r in sorted(records, key=lambda r: (node[r.b], node[r.a])):
         ties = r.registration.ties

@@ -8,6 +8,7 @@ from typing import Any
 
 from photomap_gis.core.control import Nudge
 from photomap_gis.pipeline.control import ControlResult, checked, residual_rms_m
+from photomap_gis.store import LensRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +16,8 @@ class MapSummary:
     """The result of a mapping run; ``None`` where a value is unknown.
 
     ``fit_to_gps_rms_m`` is a residual of the fit, not an accuracy; ``predicted_ce90_m`` is the accuracy that the
-    solver's covariances predict, the GPS's own bias included.
+    solver's covariances predict, the GPS's own bias included. ``lenses`` say what the flight told of its lenses, where
+    cameras could be posed in space.
     """
 
     mission: str
@@ -36,6 +38,7 @@ class MapSummary:
     outputs: tuple[str, ...]
     control: tuple[ControlResult, ...] = ()
     nudges: tuple[Nudge, ...] = ()
+    lenses: tuple[LensRecord, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the JSON document of ``photomap map --json``."""
@@ -59,6 +62,7 @@ class MapSummary:
             "control": control_document(self.control),
             "accuracy": accuracy_document(self.control),
             "nudges": [asdict(n) for n in self.nudges],
+            "lenses": [asdict(lens) for lens in self.lenses],
         }
 
 
