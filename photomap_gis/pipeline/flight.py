@@ -105,13 +105,9 @@ def settle(
     measurements: Measurements,
     solved: Solved,
 ) -> Solved:
-    """Return the last solution posed in space, corrected by hand, and with what its known points make of it.
-
-    The full solution knows nothing of control points: where they hold the flat one, that stands.
-    """
+    """Return the last solution posed in space, corrected by hand, and with what its known points make of it."""
     aside = set(() if solved.solution is None else solved.solution.rejected_points)
-    if not any(not p.check and k not in aside for k, p in enumerate(solved.points)):
-        solved = solve_in_space(frames, views, measurements, solved)
+    solved = solve_in_space(frames, views, measurements, solved)
     nudges = mission.load_control().nudges
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)

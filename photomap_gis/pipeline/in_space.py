@@ -19,10 +19,11 @@ from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, 
 from photomap_gis.ifmi.template import GRID
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.solve import Solved
-from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, TieSet, View, bundle_adjust
+from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
 from photomap_gis.slam.bundle.fixes import fix_information
 from photomap_gis.slam.lag import without_lag
 from photomap_gis.slam.place import GPS_METHOD
+from photomap_gis.slam.robust import spread
 from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
 
 logger = logging.getLogger(__name__)
@@ -36,6 +37,8 @@ UNKNOWN_TILT_RAD = 0.07
 """A camera that does not say how it leans looks down to within some four degrees."""
 MIN_TIE_SIGMA_WORK_PX = 0.03
 SPOT_STEP = 1 << 20
+FEWEST_MARKS = 3
+"""A piece with fewer known points and no fix is held where the flat solution has it."""
 BLUNDERS_INFORMATION = 1e-3
 K1_SIGMA = 0.03
 KNOWN_K1_SIGMA = 0.01
@@ -70,7 +73,8 @@ def solve_in_space(
         fixes = observe([starts[f].ref for f in order], solved.map_frame, of_cameras=True).positions
         if solved.solution is not None:
             fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
-    problem = _problem([starts[f] for f in order], node, ties, fixes)
+    marks = _marks(solved, starts, node)
+    problem = _problem([starts[f] for f in order], node, ties, fixes, marks)
     try:
         bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
@@ -115,6 +119,7 @@ def _problem(
     node: Mapping[int, int],
     ties: TieSet,
     fixes: Sequence[PositionObservation],
+    marks: Marks,
 ) -> BundleProblem:
     views = tuple(s.view for s in starts)
     lenses: dict[int, Lens] = {}
@@ -130,6 +135,8 @@ def _problem(
     information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
     pieces = {s.placement.segment for s in starts}
     fixed = {starts[k].placement.segment for k in fix_of.tolist()}
+    marked = [starts[k].placement.segment for k in marks.view.tolist()]
+    fixed |= {piece for piece in pieces if marked.count(piece) >= FEWEST_MARKS}
     held = [next(k for k, s in enumerate(starts) if s.placement.segment == piece) for piece in sorted(pieces - fixed)]
     return BundleProblem(
         views,
@@ -139,6 +146,36 @@ def _problem(
         np.array([o.xy_map_m for o in used]).reshape(-1, 2),
         information,
         np.array(held, np.intp),
+        marks,
+    )
+
+
+def _marks(solved: Solved, starts: Mapping[int, _Start], node: Mapping[int, int]) -> Marks:
+    """Return the known points that the flat solution used, as wide as it found them to be.
+
+    What a point was surveyed off is the same in all its pictures. What a plane leaves out is no error in space.
+    """
+    aside = set(() if solved.solution is None else solved.solution.rejected_points)
+    used = [p for k, p in enumerate(solved.points) if not p.check and k not in aside and p.frame in node]
+    if not used:
+        return Marks.none()
+    placed = [starts[p.frame].placement for p in used]
+    miss = [f.camera_to_map.project(p.xy_px[None])[0] - p.xy_map_m for f, p in zip(placed, used, strict=True)]
+    gsd = np.array([f.gsd_m_per_px for f in placed])
+    whole = np.array([np.trace(p.covariance_m2) / 2.0 for p in used]) + (gsd * [p.sigma_px for p in used]) ** 2
+    wide = spread(np.sum(np.square(miss), axis=1) / whole, 2)
+    covariance = np.zeros((2 * len(used), 2 * len(used)))
+    for i, p in enumerate(used):
+        for j, q in enumerate(used):
+            if i == j or (p.name and (p.kind, p.name) == (q.kind, q.name)):
+                covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = p.covariance_m2
+        click_m2 = gsd[i] ** 2 * max(p.sigma_px**2 - p.bend_px**2, MIN_TIE_SIGMA_WORK_PX**2)
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += click_m2 * np.eye(2)
+    return Marks(
+        np.array([node[p.frame] for p in used], np.intp),
+        np.array([p.xy_px for p in used]),
+        np.array([p.xy_map_m for p in used]),
+        covariance * wide**2,
     )
 
 
