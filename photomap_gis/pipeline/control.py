@@ -27,6 +27,8 @@ from photomap_gis.store import ControlRecord, Mission
 
 FAR_M = 20_000.0
 """Control points that lie further from the flight are of another place, or their axes are swapped."""
+MISSED = 2.0
+"""By what factor a solution may miss its control points beyond what it says."""
 DISAGREE_SIGMA = 4.0
 """Sigmas that two pictures of a check point may lie apart on the map."""
 SEEN_LEVEL_RAD = math.radians(0.5)
@@ -210,6 +212,15 @@ def judge_points(
         miss = PointMiss(name, float(d[0]), -float(d[1]), sigma, d2, len(rows))
         results.append(ControlResult(miss, o.check, bool(used) and not o.check))
     return tuple(results)
+
+
+def misses_its_points(results: Sequence[ControlResult], others: Sequence[ControlResult]) -> bool:
+    """Whether a solution misses the points of its fit by more than it says, and by more than another one does."""
+    own, other = residual_rms_m(results), residual_rms_m(others)
+    if own is None or other is None:
+        return False
+    told = [r.miss.sigma_m for r in results if r.used and not r.check]
+    return own > MISSED * max(other, math.sqrt(2.0 * float(np.mean(np.square(told)))))
 
 
 def words_on(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from photomap_gis.pipeline.control import (
     ControlRequest,
     judge_points,
     keep_request,
+    misses_its_points,
     moved,
     nudge_motion,
     read_request,
@@ -31,6 +33,8 @@ from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solve import Solved, solve_mission
 from photomap_gis.pipeline.summary import MapSummary
 from photomap_gis.store import ControlRecord, Mission
+
+logger = logging.getLogger(__name__)
 
 
 class StageClock:
@@ -107,7 +111,11 @@ def settle(
 ) -> Solved:
     """Return the last solution posed in space, corrected by hand, and with what its known points make of it."""
     aside = set(() if solved.solution is None else solved.solution.rejected_points)
-    solved = solve_in_space(frames, views, measurements, solved)
+    flat, solved = solved, solve_in_space(frames, views, measurements, solved)
+    on_flat, on_posed = (judge_points(s.points, aside, s.trajectory) for s in (flat, solved))
+    if misses_its_points(on_posed, on_flat):
+        logger.info("cameras posed in space miss the control points: the flat solution stands")
+        solved = flat
     nudges = mission.load_control().nudges
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)
