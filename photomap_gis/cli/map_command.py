@@ -121,6 +121,7 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"fit to GPS {summary.fit_to_gps_rms_m:.2f} m RMS (how well map and track agree; not the accuracy)"
         )
+    lines += [f"lens       {words_of(lens)}" for lens in summary.lenses]
     lines += control_lines(summary.control)
     if summary.predicted_ce90_m is not None and any(r.check for r in summary.control):
         lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m by the solution's covariances")
@@ -131,7 +132,6 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"by hand    moved {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"
         )
-    lines += [f"lens       {words_of(lens)}" for lens in summary.lenses]
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
     lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
     return "\n".join(lines)

@@ -161,7 +161,7 @@ def finish(
         warnings=(*mission.header.warnings, *solved.warnings),
         reasons=solved.count_reasons(),
         outputs=tuple(str(p) for p in outputs),
+        lenses=solved.lenses,
         control=solved.control,
         nudges=mission.load_control().nudges,
-        lenses=solved.lenses,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.frame import FrameRef, level_rotation
 from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
-from photomap_gis.core.posegraph import PositionObservation, Trajectory
+from photomap_gis.core.posegraph import PointObservation, PositionObservation, Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
 from photomap_gis.ifmi.template import GRID
@@ -23,7 +23,6 @@ from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet,
 from photomap_gis.slam.bundle.fixes import fix_information
 from photomap_gis.slam.lag import without_lag
 from photomap_gis.slam.place import GPS_METHOD
-from photomap_gis.slam.robust import spread
 from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
 
 logger = logging.getLogger(__name__)
@@ -37,8 +36,6 @@ UNKNOWN_TILT_RAD = 0.07
 """A camera that does not say how it leans looks down to within some four degrees."""
 MIN_TIE_SIGMA_WORK_PX = 0.03
 SPOT_STEP = 1 << 20
-FEWEST_MARKS = 3
-"""A piece with fewer known points and no fix is held where the flat solution has it."""
 BLUNDERS_INFORMATION = 1e-3
 K1_SIGMA = 0.03
 KNOWN_K1_SIGMA = 0.01
@@ -73,8 +70,7 @@ def solve_in_space(
         fixes = observe([starts[f].ref for f in order], solved.map_frame, of_cameras=True).positions
         if solved.solution is not None:
             fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
-    marks = _marks(solved, starts, node)
-    problem = _problem([starts[f] for f in order], node, ties, fixes, marks)
+    problem = _problem([starts[f] for f in order], node, ties, fixes, _used_points(solved, node))
     try:
         bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
@@ -119,7 +115,7 @@ def _problem(
     node: Mapping[int, int],
     ties: TieSet,
     fixes: Sequence[PositionObservation],
-    marks: Marks,
+    points: Sequence[PointObservation],
 ) -> BundleProblem:
     views = tuple(s.view for s in starts)
     lenses: dict[int, Lens] = {}
@@ -135,8 +131,10 @@ def _problem(
     information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
     pieces = {s.placement.segment for s in starts}
     fixed = {starts[k].placement.segment for k in fix_of.tolist()}
-    marked = [starts[k].placement.segment for k in marks.view.tolist()]
-    fixed |= {piece for piece in pieces if marked.count(piece) >= FEWEST_MARKS}
+    seen: dict[int, set[str]] = {}
+    for p in points:
+        seen.setdefault(starts[node[p.frame]].placement.segment, set()).add(p.name)
+    fixed |= {piece for piece, names in seen.items() if len(names) >= 2}
     held = [next(k for k, s in enumerate(starts) if s.placement.segment == piece) for piece in sorted(pieces - fixed)]
     return BundleProblem(
         views,
@@ -146,37 +144,40 @@ def _problem(
         np.array([o.xy_map_m for o in used]).reshape(-1, 2),
         information,
         np.array(held, np.intp),
-        marks,
+        _marks(points, node, views, lenses, number),
     )
 
 
-def _marks(solved: Solved, starts: Mapping[int, _Start], node: Mapping[int, int]) -> Marks:
-    """Return the known points that the flat solution used, as wide as it found them to be.
+def _used_points(solved: Solved, node: Mapping[int, int]) -> list[PointObservation]:
+    """Return the known points that the flat solution was held by, in frames that are posed."""
+    aside = set() if solved.solution is None else set(solved.solution.rejected_points)
+    return [p for k, p in enumerate(solved.points) if not p.check and k not in aside and p.frame in node]
 
-    What a point was surveyed off is the same in all its pictures. What a plane leaves out is no error in space.
+
+def _marks(
+    points: Sequence[PointObservation],
+    node: Mapping[int, int],
+    views: Sequence[View],
+    lenses: Mapping[int, Lens],
+    number: Mapping[int, int],
+) -> Marks:
+    """Return known points as marks: sightings of one point share the error of its place.
+
+    What a plane leaves out of a sighting is no error in space.
     """
-    aside = set(() if solved.solution is None else solved.solution.rejected_points)
-    used = [p for k, p in enumerate(solved.points) if not p.check and k not in aside and p.frame in node]
-    if not used:
+    if not points:
         return Marks.none()
-    placed = [starts[p.frame].placement for p in used]
-    miss = [f.camera_to_map.project(p.xy_px[None])[0] - p.xy_map_m for f, p in zip(placed, used, strict=True)]
-    gsd = np.array([f.gsd_m_per_px for f in placed])
-    whole = np.array([np.trace(p.covariance_m2) / 2.0 for p in used]) + (gsd * [p.sigma_px for p in used]) ** 2
-    wide = spread(np.sum(np.square(miss), axis=1) / whole, 2)
-    covariance = np.zeros((2 * len(used), 2 * len(used)))
-    for i, p in enumerate(used):
-        for j, q in enumerate(used):
+    focal = {number[k]: lens.focal_px for k, lens in lenses.items()}
+    view = np.array([node[p.frame] for p in points], np.intp)
+    covariance = np.zeros((2 * len(points), 2 * len(points)))
+    for i, p in enumerate(points):
+        for j, q in enumerate(points):
             if i == j or (p.name and (p.kind, p.name) == (q.kind, q.name)):
-                covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = p.covariance_m2
-        click_m2 = gsd[i] ** 2 * max(p.sigma_px**2 - p.bend_px**2, MIN_TIE_SIGMA_WORK_PX**2)
-        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += click_m2 * np.eye(2)
-    return Marks(
-        np.array([node[p.frame] for p in used], np.intp),
-        np.array([p.xy_px for p in used]),
-        np.array([p.xy_map_m for p in used]),
-        covariance * wide**2,
-    )
+                covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = (p.covariance_m2 + q.covariance_m2) / 2.0
+        pixel = -float(views[view[i]].centre[2]) / focal[views[view[i]].lens]
+        click_px2 = max(p.sigma_px**2 - p.bend_px**2, MIN_TIE_SIGMA_WORK_PX**2)
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += click_px2 * pixel**2 * np.eye(2)
+    return Marks(view, np.array([p.xy_px for p in points]), np.array([p.xy_map_m for p in points]), covariance)
 
 
 def _tie_set(

@@ -36,9 +36,9 @@ class MapSummary:
     warnings: tuple[str, ...]
     reasons: Mapping[str, Mapping[str, int]]
     outputs: tuple[str, ...]
+    lenses: tuple[LensRecord, ...] = ()
     control: tuple[ControlResult, ...] = ()
     nudges: tuple[Nudge, ...] = ()
-    lenses: tuple[LensRecord, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the JSON document of ``photomap map --json``."""
@@ -59,10 +59,10 @@ class MapSummary:
             "warnings": list(self.warnings),
             "reasons": {status: dict(r) for status, r in self.reasons.items()},
             "outputs": list(self.outputs),
+            "lenses": [asdict(lens) for lens in self.lenses],
             "control": control_document(self.control),
             "accuracy": accuracy_document(self.control),
             "nudges": [asdict(n) for n in self.nudges],
-            "lenses": [asdict(lens) for lens in self.lenses],
         }
 
 
