@@ -98,9 +98,9 @@ class PointObservation:
 
     ``xy_px`` is ``(2,)`` in the frame's raster, ``xy_plane`` the same point in the plane that the graph's edges are
     between (a view levels it); ``xy_map_m`` ``(2,)`` map metres with its ``(2, 2)`` covariance. ``sigma_px`` is the
-    error of the picture's side per axis (the click, and what a plane leaves out), in pixels of the plane; on the map
-    it is as large as the frame's pixels. Observations of one ``name`` share the error of its place. Points with
-    ``check`` never enter the fit.
+    error of the picture's side per axis (the click, and ``bend_px`` that a plane alone leaves out), in pixels of the
+    plane; on the map it is as large as the frame's pixels. Observations of one ``name`` share the error of its place.
+    Points with ``check`` never enter the fit.
     """
 
     frame: int
@@ -112,6 +112,7 @@ class PointObservation:
     name: str = ""
     check: bool = False
     kind: PointKind = PointKind.CONTROL
+    bend_px: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

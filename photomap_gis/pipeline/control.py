@@ -27,6 +27,8 @@ from photomap_gis.store import ControlRecord, Mission
 
 FAR_M = 20_000.0
 """Control points that lie further from the flight are of another place, or their axes are swapped."""
+MISSED = 2.0
+"""By what factor a solution may miss its control points beyond what it says."""
 DISAGREE_SIGMA = 4.0
 """Sigmas that two pictures of a check point may lie apart on the map."""
 SEEN_LEVEL_RAD = math.radians(0.5)
@@ -75,24 +77,31 @@ def read_request(request: ControlRequest | None) -> tuple[str, tuple[ControlPoin
     return text, points
 
 
-def keep_control(mission: Mission, request: ControlRequest | None, frames: Sequence[FrameRef]) -> ControlRecord:
-    """Keep what is asked for in the mission and return all its ground control; what is not asked for stays."""
-    kept = mission.load_control()
+def keep_request(mission: Mission, request: ControlRequest | None, frames: Sequence[FrameRef], crs: str | None) -> None:
+    """Keep the ground control that is asked for in the mission and place its map by all that it then has.
+
+    What is not asked for stays. Where it cannot be used, the mission stays as it is.
+    """
+    kept, text = mission.load_control(), None
     read = read_request(request)
-    if request is None:
-        return kept
-    if read is not None and request.file is not None:
+    if read is not None and request is not None and request.file is not None:
         text, points = read
         kept = replace(kept, points=points, source=request.file.name, check=request.check or ())
         _check_pictures(kept, frames)
-        mission.save_control(kept, text)
-    elif request.check is not None:
+    elif request is not None and request.check is not None:
         if not kept.points:
             raise UsageError("--check needs control points: give them by --gcp FILE")
-        check_names([p.name for p in kept.points], request.check)
         kept = replace(kept, check=request.check)
-        mission.save_control(kept)
-    return kept
+    keep_control(mission, kept, frames, crs, text=text)
+
+
+def keep_control(
+    mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None, *, text: str | None = None
+) -> None:
+    """Place a mission's map by this ground control, and keep it; ``text`` is the file that it was read from."""
+    place_map(mission, control, frames, crs)
+    if control != mission.load_control() or text is not None:
+        mission.save_control(control, text)
 
 
 def place_map(mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None) -> None:
@@ -166,7 +175,7 @@ def control_observations(
             found.append(
                 PointObservation(
                     ref.index, np.array(xy_px), xy_plane, place, np.eye(2) * point.sigma_m**2,
-                    math.hypot(sighting.sigma_px, bend), point.name, point.name in checks,
+                    math.hypot(sighting.sigma_px, bend), point.name, point.name in checks, bend_px=bend,
                 )
             )  # fmt: skip
         if len(found) == before:
@@ -203,6 +212,15 @@ def judge_points(
         miss = PointMiss(name, float(d[0]), -float(d[1]), sigma, d2, len(rows))
         results.append(ControlResult(miss, o.check, bool(used) and not o.check))
     return tuple(results)
+
+
+def misses_its_points(results: Sequence[ControlResult], others: Sequence[ControlResult]) -> bool:
+    """Whether a solution misses the points of its fit by more than it says, and by more than another one does."""
+    own, other = residual_rms_m(results), residual_rms_m(others)
+    if own is None or other is None:
+        return False
+    told = [r.miss.sigma_m for r in results if r.used and not r.check]
+    return own > MISSED * max(other, math.sqrt(2.0 * float(np.mean(np.square(told)))))
 
 
 def words_on(

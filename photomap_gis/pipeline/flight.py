@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,10 +16,10 @@ from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.control import (
     ControlRequest,
     judge_points,
-    keep_control,
+    keep_request,
+    misses_its_points,
     moved,
     nudge_motion,
-    place_map,
     read_request,
     words_on,
     words_on_checks,
@@ -33,6 +34,8 @@ from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solve import Solved, solve_mission
 from photomap_gis.pipeline.summary import MapSummary
 from photomap_gis.store import ControlRecord, Mission
+
+logger = logging.getLogger(__name__)
 
 
 class StageClock:
@@ -78,7 +81,7 @@ def map_flight(
         )  # fmt: skip
     with mission:
         frames = tuple(mission.frames)
-        place_map(mission, keep_control(mission, control, frames), frames, settings.crs)
+        keep_request(mission, control, frames, settings.crs)
         views = {f.index: plane_view(f) for f in frames}
         with clock("read"):
             prepared = prepare_frames(mission, frames, views, settings, on_progress)
@@ -118,7 +121,12 @@ def settle(
 ) -> Solved:
     """Return the last solution posed in space, corrected by hand, and with what its known points make of it."""
     aside = set(() if solved.solution is None else solved.solution.rejected_points)
+    flat = solved
     solved = solve_in_space(frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m)
+    on_flat, on_posed = (judge_points(s.points, aside, s.trajectory) for s in (flat, solved))
+    if misses_its_points(on_posed, on_flat):
+        logger.info("cameras posed in space miss the control points: the flat solution stands")
+        solved = flat
     nudges = mission.load_control().nudges
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)

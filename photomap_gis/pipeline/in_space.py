@@ -168,7 +168,10 @@ def _marks(
     lenses: Mapping[int, Lens],
     number: Mapping[int, int],
 ) -> Marks:
-    """Return known points as marks: sightings of one point share the error of its place."""
+    """Return known points as marks: sightings of one point share the error of its place.
+
+    What a plane leaves out of a sighting is no error in space.
+    """
     if not points:
         return Marks.none()
     focal = {number[k]: lens.focal_px for k, lens in lenses.items()}
@@ -176,10 +179,11 @@ def _marks(
     covariance = np.zeros((2 * len(points), 2 * len(points)))
     for i, p in enumerate(points):
         for j, q in enumerate(points):
-            if p.name == q.name:
+            if i == j or (p.name and (p.kind, p.name) == (q.kind, q.name)):
                 covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = (p.covariance_m2 + q.covariance_m2) / 2.0
         pixel = -float(views[view[i]].centre[2]) / focal[views[view[i]].lens]
-        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += (p.sigma_px * pixel) ** 2 * np.eye(2)
+        click_px2 = max(p.sigma_px**2 - p.bend_px**2, MIN_TIE_SIGMA_WORK_PX**2)
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += click_px2 * pixel**2 * np.eye(2)
     return Marks(view, np.array([p.xy_px for p in points]), np.array([p.xy_map_m for p in points]), covariance)
 
 

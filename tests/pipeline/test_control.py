@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from photomap_gis.core.accuracy import predicted_sigma_m
+from photomap_gis.core.accuracy import PointMiss, predicted_sigma_m
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.control import ControlPoint, Sighting
 from photomap_gis.core.errors import DataError, UsageError
@@ -23,7 +23,7 @@ from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.georef import plane_view, resolve_crs
 from photomap_gis.pipeline import ControlRequest, Pick, export_mission, georeference, map_flight, solve_again
-from photomap_gis.pipeline.control import control_observations, moved
+from photomap_gis.pipeline.control import ControlResult, control_observations, misses_its_points, moved
 from photomap_gis.pipeline.deliver import Format
 from photomap_gis.pipeline.solve import Solved
 from photomap_gis.simulate import Truth
@@ -233,6 +233,14 @@ def test_pixels_of_a_picture_of_another_size_are_told(flown, mission, tmp_path):
     assert any("another size" in w for w in summary.warnings)
 
 
+def test_control_of_another_place_leaves_no_trace_in_a_new_mission(flown, tmp_path):
+    gcp = control_list(flown.truth, tmp_path / "gcp_list.txt")
+    gcp.write_text(gcp.read_text().replace("32N", "33N"))
+    with pytest.raises(DataError, match="km from the flight"):
+        map_flight([flown.photos], tmp_path / "m", control=ControlRequest(gcp))
+    assert not (tmp_path / "m" / "control.json").exists()
+
+
 def test_a_check_point_marked_wrongly_in_one_picture_is_told(flown, mission, tmp_path):
     lines = control_list(flown.truth, tmp_path / "gcp_list.txt").read_text().splitlines()
     row = next(k for k, line in enumerate(lines) if line.endswith(" P3"))
@@ -290,6 +298,16 @@ def test_a_moved_map_shows_everything_elsewhere_and_alike(angle, shift, px):
         )
         expected = turn @ before.position_covariance_m2(at)[0] @ turn.T
         np.testing.assert_allclose(after.position_covariance_m2(at)[0], expected, atol=max(close, 1e-6) * 2)
+
+
+def test_a_solution_that_misses_its_points_is_told_from_one_that_says_so():
+    def results(miss_m, sigma_m, check=False):
+        return [ControlResult(PointMiss(name, miss_m, 0.0, sigma_m, 1.0), check, not check) for name in "abc"]
+
+    assert misses_its_points(results(1.5, 0.25), results(0.3, 0.3))
+    assert not misses_its_points(results(1.5, 0.8), results(0.3, 0.3)), "it says so"
+    assert not misses_its_points(results(1.5, 0.25), results(1.2, 0.3)), "the other is no better"
+    assert not misses_its_points(results(1.5, 0.25, check=True), results(0.3, 0.3, check=True)), "never by check points"
 
 
 def test_one_point_alone_places_nothing_and_says_so(flown, tmp_path):

@@ -201,7 +201,7 @@ def _spot_prior(
 ) -> SpotPrior:
     """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
 
-    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides, and heights may grow with the world.
+    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides; heights may grow with the world.
     """
     xy = _spots_xy(problem, state)
     z = -ground.at(xy)
