@@ -81,6 +81,35 @@ class HeadingObservation:
     sigma_rad: float
 
 
+class PointKind(StrEnum):
+    """Where a known point of the ground comes from; each kind is judged by its own spread."""
+
+    CONTROL = "control"
+    REFERENCE = "reference"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointObservation:
+    """A point of the ground whose place is known, seen in a frame: the residual is ``T_map_plane p_plane - xy_map``.
+
+    ``xy_px`` is ``(2,)`` in the frame's raster, ``xy_plane`` the same point in the plane that the graph's edges are
+    between (a view levels it); ``xy_map_m`` ``(2,)`` map metres with its ``(2, 2)`` covariance. ``sigma_px`` is the
+    error of the picture's side per axis (the click, and what a plane leaves out), in pixels of the plane; on the map
+    it is as large as the frame's pixels. Observations of one ``name`` share the error of its place. Points with
+    ``check`` never enter the fit.
+    """
+
+    frame: int
+    xy_px: FloatArray
+    xy_plane: FloatArray
+    xy_map_m: FloatArray
+    covariance_m2: FloatArray
+    sigma_px: float = 1.0
+    name: str = ""
+    check: bool = False
+    kind: PointKind = PointKind.CONTROL
+
+
 @dataclass(frozen=True, slots=True)
 class PoseGraph:
     """All that the solver knows; frozen, each snapshot of the builder with its revision."""
@@ -91,11 +120,12 @@ class PoseGraph:
     scales: tuple[ScaleObservation, ...] = ()
     headings: tuple[HeadingObservation, ...] = ()
     revision: int = 0
+    points: tuple[PointObservation, ...] = ()
 
     @property
     def georeferenced(self) -> bool:
-        """Whether anything ties the graph to the Earth."""
-        return bool(self.positions)
+        """Whether anything ties the graph to the Earth: a fix, or two points that are not kept for the check."""
+        return bool(self.positions) or len({p.name for p in self.points if not p.check}) >= 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +144,8 @@ class Solution:
 
     ``segments`` are numbered by size, the largest 0: within one, frames are tied to each other by registrations.
     ``rejected`` are indices into ``graph.edges`` of the edges that the robust solver put aside. ``fix_lags_s`` tells by
-    flight how much older its fixes were found to be than its pictures; they were corrected for it.
+    flight how much older its fixes were found to be than its pictures; they were corrected for it. ``rejected_points``
+    are indices into ``graph.points`` of the points (never check points) that were put aside.
     """
 
     poses: tuple[Pose, ...]
@@ -123,6 +154,7 @@ class Solution:
     revision: int = 0
     fit_to_gps_rms_m: float | None = None
     fix_lags_s: Mapping[int, float] = field(default_factory=dict)
+    rejected_points: tuple[int, ...] = ()
 
     def pose_of(self, frame: int) -> Pose | None:
         """Return the pose of a frame, or ``None``."""

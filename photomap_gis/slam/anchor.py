@@ -8,6 +8,7 @@ relate to it, else from the frame next to it. What is borrowed so is told to the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,15 +44,26 @@ class Anchored:
     heading_flip: bool
 
 
-def anchor(relative: RelativePoses, positions: PositionTerms, scales: ScalarTerms, headings: ScalarTerms) -> Anchored:
-    """Return all components laid on the map; those without any fix keep NaN."""
+def anchor(
+    relative: RelativePoses,
+    positions: PositionTerms,
+    scales: ScalarTerms,
+    headings: ScalarTerms,
+    by_points: Mapping[int, Fit],
+) -> Anchored:
+    """Return all components laid on the map; those without any fix keep NaN.
+
+    ``by_points`` tells how components (by label) lie by known points of the ground: it holds where fixes do not align.
+    """
     n = len(relative.w)
     w, t = np.full(n, complex(np.nan, np.nan)), np.full(n, complex(np.nan, np.nan))
     fixes_of = _group(relative.labels[positions.node])
     nodes_of = _group(relative.labels)
     short: list[int] = []
-    for label, fixes in fixes_of.items():
+    for label in sorted(fixes_of.keys() | by_points.keys()):
+        fixes = fixes_of.get(label, np.zeros(0, np.intp))
         fit = align(relative.t[positions.node[fixes]], positions.z_m[fixes], positions.sigma_m[fixes])
+        fit = fit or by_points.get(label)
         if fit is None:
             short.append(label)
             continue
@@ -97,7 +109,7 @@ def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray, *, s
     n = len(points)
     if n < 2:
         return None
-    pairs = _far_pairs(points, samples)
+    pairs = far_pairs(points, samples)
     if not len(pairs):
         return None
     i, j = pairs[:, 0], pairs[:, 1]
@@ -131,7 +143,7 @@ def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray, *, s
     return replace(fit, sigma_rad=sigma_rad, spread=scale) if sigma_rad < ALIGNED_SIGMA_RAD else None
 
 
-def _far_pairs(points: ComplexArray, samples: int) -> IntArray:
+def far_pairs(points: ComplexArray, samples: int) -> IntArray:
     """``(m, 2)`` pairs of points far apart, at most ``samples``, the same in every run."""
     n = len(points)
     if n * (n - 1) // 2 <= samples:
@@ -244,6 +256,8 @@ def _courses(n: int, positions: PositionTerms) -> FloatArray:
 
 def _group(labels: IntArray) -> dict[int, npt.NDArray[np.intp]]:
     """Indices by label."""
+    if not len(labels):
+        return {}
     order = np.argsort(labels, kind="stable")
     values, starts = np.unique(labels[order], return_index=True)
     return {int(v): part for v, part in zip(values, np.split(order, starts[1:]), strict=True)}

@@ -12,6 +12,7 @@ from photomap_gis.core.posegraph import (
     Edge,
     EdgeKind,
     HeadingObservation,
+    PointObservation,
     PoseGraph,
     PositionObservation,
     ScaleObservation,
@@ -44,6 +45,7 @@ class GraphBuilder:
         self._positions: dict[int, PositionObservation] = {}
         self._scales: dict[int, ScaleObservation] = {}
         self._headings: dict[int, HeadingObservation] = {}
+        self._points: list[PointObservation] = []
         self._revision = 0
 
     @property
@@ -100,6 +102,10 @@ class GraphBuilder:
         self._scales.update((s.frame, s) for s in scales)
         self._headings.update((h.frame, h) for h in headings)
 
+    def observe_points(self, points: Iterable[PointObservation]) -> None:
+        """Add known points of the ground; a frame may see many of them, and a point be seen by many frames."""
+        self._points.extend(points)
+
     def snapshot(self) -> PoseGraph:
         """Return all that is known now, under a new revision number."""
         self._revision += 1
@@ -113,6 +119,7 @@ class GraphBuilder:
             tuple(self._scales[f] for f in sorted(self._scales)),
             tuple(self._headings[f] for f in sorted(self._headings)),
             self._revision,
+            tuple(self._points),
         )
 
     def _is_sane(self, edge: Edge) -> bool:

@@ -22,6 +22,8 @@ from photomap_gis.slam.linear import (
     GAUGE_SIGMA,
     drift_residuals,
     heading_residuals,
+    point_jacobians,
+    point_residuals,
     position_residuals,
     scale_residuals,
 )
@@ -113,7 +115,7 @@ def _state(values: gtsam.Values, problem: Problem) -> State:
 def _add_unary(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, problem: Problem, weights: Weights, state: State
 ) -> None:
-    """Add fixes, drift, bias, scales and headings, linear about ``state`` in the tangent space of each pose."""
+    """Add fixes, drift, bias, points, scales and headings, linear about ``state`` in the tangent space of each pose."""
 
     def add(blocks: list[tuple[int, FloatArray]], rhs: FloatArray) -> None:
         flat: list[Any] = [part for block in blocks for part in block]
@@ -134,6 +136,10 @@ def _add_unary(
         if p.bias[k] >= 0:
             blocks.append((_bias_key(int(p.bias[k])), root))
         add(blocks, -root @ residual[k])
+    jacobian, miss = point_jacobians(problem, state), point_residuals(problem, state)
+    for k in range(len(problem.points)):
+        root = np.linalg.cholesky(weights.points[k] * problem.points.information[k]).T
+        add([(_pose_key(int(problem.points.node[k])), root @ jacobian[k])], -root @ miss[k])
     for terms, residuals, weight, column in (
         (problem.scales, scale_residuals(problem, state), weights.scales, 3),
         (problem.headings, heading_residuals(problem, state), weights.headings, 2),

@@ -33,6 +33,22 @@ def position_residuals(problem: Problem, state: State) -> FloatArray:
     return np.stack([r.real, r.imag], axis=1)
 
 
+def point_residuals(problem: Problem, state: State) -> FloatArray:
+    """``(K, 2)`` ``T_map_plane p_plane - xy_map`` of every known point, metres."""
+    p = problem.points
+    r = np.exp(state.w[p.node]) * p.plane + state.t[p.node] - p.z_m
+    return np.stack([r.real, r.imag], axis=1)
+
+
+def point_jacobians(problem: Problem, state: State) -> FloatArray:
+    """``(K, 2, 4)`` derivatives of the points' residuals by their poses: ``e^w (u + p dw)``."""
+    p = problem.points
+    z = np.exp(state.w[p.node])
+    zp = z * p.plane
+    by_turn_and_growth = np.stack([np.stack([-zp.imag, zp.real], -1), np.stack([zp.real, zp.imag], -1)], -1)
+    return np.concatenate([_complex_blocks(z), by_turn_and_growth], axis=-1)
+
+
 def scale_residuals(problem: Problem, state: State) -> FloatArray:
     """``(S,)`` log scale minus its observation."""
     return state.w.real[problem.scales.node] - problem.scales.value
@@ -61,6 +77,7 @@ def cost(problem: Problem, state: State, weights: Weights) -> float:
     return float(
         weights.edges @ squared_distances(edge_residuals(problem, state), problem.edges.information)
         + weights.positions @ squared_distances(position_residuals(problem, state), problem.positions.information)
+        + weights.points @ squared_distances(point_residuals(problem, state), problem.points.information)
         + weights.scales @ (scale_residuals(problem, state) / problem.scales.sigma) ** 2
         + weights.headings @ (heading_residuals(problem, state) / problem.headings.sigma) ** 2
         + np.sum((np.abs(rd) / problem.drift.step_sigma_m) ** 2)
@@ -94,6 +111,7 @@ def normal_equations(problem: Problem, state: State, weights: Weights) -> Normal
     builder = _Assembly(problem)
     builder.add_edges(problem, state, weights.edges)
     builder.add_positions(problem, state, weights.positions)
+    builder.add_points(problem, state, weights.points)
     n4, d, f = 4 * problem.n_nodes, len(problem.drift), len(problem.bias_sigma_m)
     s, h = problem.scales, problem.headings
     builder.add_scalars(4 * s.node + 3, weights.scales / s.sigma**2, scale_residuals(problem, state))
@@ -168,6 +186,15 @@ class _Assembly:
                 both = has_i & has_j
                 blocks = ji[both].transpose(0, 2, 1) @ information[both] @ jj[both]
                 self.add_blocks(i[both], j[both], blocks)
+
+    def add_points(self, problem: Problem, state: State, weights: FloatArray) -> None:
+        p = problem.points
+        if not len(p):
+            return
+        j = point_jacobians(problem, state)
+        left = j.transpose(0, 2, 1) @ (weights[:, None, None] * p.information)
+        self.add_blocks(4 * p.node, 4 * p.node, left @ j)
+        self.add_gradient(4 * p.node, (left @ point_residuals(problem, state)[:, :, None])[:, :, 0])
 
     def add_drift(self, problem: Problem, state: State) -> None:
         d = problem.drift

@@ -21,17 +21,20 @@ from photomap_gis.slam import scipy_backend
 from photomap_gis.slam.anchor import anchor
 from photomap_gis.slam.bridges import contradicted_bridges
 from photomap_gis.slam.components import IntArray, by_size, component_labels
+from photomap_gis.slam.control import first_trust, laid_on_points
 from photomap_gis.slam.initial import RelativePoses, relative_poses
 from photomap_gis.slam.lag import lags_by_flight, without_lag
 from photomap_gis.slam.linear import cost
 from photomap_gis.slam.problem import (
     EdgeTerms,
+    PointTerms,
     PositionTerms,
     Problem,
     ScalarTerms,
     State,
     Weights,
     edge_terms,
+    point_terms,
     position_terms,
 )
 from photomap_gis.slam.reweight import Minimise, RobustState, optimise, repetition
@@ -48,7 +51,8 @@ MAX_SPLITS = 4
 def solve(graph: PoseGraph, *, backend: Backend = "auto") -> Solution:
     """Return the poses of every frame that the graph ties to something, with covariances.
 
-    With fixes, poses are in map metres, and a component without any fix is left out; without, each component of two
+    With fixes or two known points of the ground, poses are in map metres, and a component without either is left out;
+    without, each component of two
     or more frames lies in the frame (pixels) of its first one. Frames with a fix but no accepted edge are placed by
     their fix alone. Fixes that are late by the same time all along a flight are taken for when they were true.
     """
@@ -128,8 +132,9 @@ def _place(
     positions, _, _ = position_terms(graph.positions, node_of)
     scales, headings = _scalars(graph, node_of, relative.labels)
     w, t, fixed = relative.w, relative.t, np.zeros(0, np.intp)
-    if len(positions):
-        anchored = anchor(relative, positions, scales, headings)
+    by_points = laid_on_points(relative, graph.points, node_of)
+    if len(positions) or by_points:
+        anchored = anchor(relative, positions, scales, headings, by_points)
         w, t = anchored.w, anchored.t
         if anchored.heading_flip:
             logger.warning("reported headings point backwards against the flight's motion: they are turned by 180°")
@@ -146,13 +151,35 @@ def _place(
     inside = np.flatnonzero(new[edges.a] >= 0)
     inner = _rows(edges, inside)
     positions, drift, bias = position_terms(graph.positions, {int(frames[k]): int(new[k]) for k in nodes})
+    on_map = not len(fixed)
+    points = (
+        point_terms(graph.points, {int(frames[k]): int(new[k]) for k in nodes}, np.exp(w.real[nodes]))
+        if on_map
+        else PointTerms.none()
+    )
     problem = Problem(
         len(nodes), replace(inner, a=new[inner.a], b=new[inner.b]), positions, drift, bias,
-        _renumbered(scales, new), _renumbered(headings, new), new[fixed][new[fixed] >= 0],
+        _renumbered(scales, new), _renumbered(headings, new), new[fixed][new[fixed] >= 0], points,
     )  # fmt: skip
     start = State.of_poses(w[nodes], t[nodes], problem)
     trust = Weights.ones(problem).with_edges(relative.edge_weights[inside])
+    if len(points):
+        start, trust = _before_points(problem, start, trust, relative.labels[nodes], minimise)
     return _Placed(nodes, problem, inside, optimise(problem, start, trust, minimise))
+
+
+def _before_points(
+    problem: Problem, start: State, trust: Weights, labels: IntArray, minimise: Minimise
+) -> tuple[State, Weights]:
+    """Return the solution without the known points as the start, and how far each of them is to be trusted at first.
+
+    Components that only the points lay on the Earth are held where they start meanwhile.
+    """
+    hanging = np.setdiff1d(labels, labels[problem.positions.node])
+    gauge = np.array([np.flatnonzero(labels == label)[0] for label in hanging], np.intp)
+    without = replace(problem, points=PointTerms.none(), fixed=gauge)
+    found = optimise(without, start, replace(trust, points=np.zeros(0)), minimise)
+    return found.state, replace(found.trust, points=first_trust(problem, found.state, labels))
 
 
 def _solution(
@@ -175,6 +202,7 @@ def _solution(
         tuple(int(k) for k in rejected),
         graph.revision,
         _fit_to_gps(problem, robust, np.bincount(segments)[segments] > 1),
+        rejected_points=tuple(int(k) for k in problem.points.row[robust.trust.points <= REJECTED_BELOW]),
     )
 
 

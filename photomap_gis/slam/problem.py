@@ -10,13 +10,14 @@ constant GPS bias a flight (2 each, metres).
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from photomap_gis.core.posegraph import Edge, EdgeKind, PositionObservation
+from photomap_gis.core.posegraph import Edge, EdgeKind, PointKind, PointObservation, PositionObservation
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -26,6 +27,8 @@ MIN_WHITE_SIGMA_M = 0.01
 """No fix is trusted beyond this per axis: a zero would be an infinite weight."""
 MIN_DRIFT_STEP_M = 0.01
 """The same for the step of the drift between two fixes."""
+MIN_POINT_SIGMA_M = 0.002
+"""The same for a known point of the ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,6 +103,31 @@ class ScalarTerms:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PointTerms:
+    """K known points seen in frames: node, place in its plane (x + iy), place on the map (x + iy, metres).
+
+    ``information`` is ``(K, 2, 2)`` of the place on the map, the picture's side included; ``kind`` counts the kinds,
+    ``row`` is the observation's index in the graph.
+    """
+
+    node: IntArray
+    plane: ComplexArray
+    z_m: ComplexArray
+    information: FloatArray
+    kind: IntArray
+    row: IntArray
+
+    @classmethod
+    def none(cls) -> PointTerms:
+        """Return no points."""
+        i, z = np.zeros(0, np.intp), np.zeros(0, complex)
+        return cls(i, z, z, np.zeros((0, 2, 2)), i, i)
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class State:
     """A value for every unknown: poses ``w``, ``t`` ``(N,)``; ``drift`` ``(D,)``, ``bias`` ``(F,)``, x + iy metres."""
 
@@ -145,6 +173,7 @@ class Problem:
     scales: ScalarTerms
     headings: ScalarTerms
     fixed: IntArray
+    points: PointTerms = field(default_factory=PointTerms.none)
 
     @property
     def size(self) -> int:
@@ -160,13 +189,13 @@ class Weights:
     positions: FloatArray
     scales: FloatArray
     headings: FloatArray
+    points: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def ones(cls, problem: Problem) -> Weights:
         """Return full trust in everything."""
-        return cls(
-            *(np.ones(len(terms)) for terms in (problem.edges, problem.positions, problem.scales, problem.headings))
-        )
+        p = problem
+        return cls(*(np.ones(len(terms)) for terms in (p.edges, p.positions, p.scales, p.headings, p.points)))
 
     def with_edges(self, edges: FloatArray) -> Weights:
         """Return these weights with other ones for the edges."""
@@ -239,6 +268,33 @@ def position_terms(
     )
     chains = DriftTerms(np.array(previous, np.intp), np.array(phi, np.float64), np.array(step, np.float64))
     return terms, chains, np.maximum(np.array(sigmas, np.float64), 1e-3)
+
+
+def point_terms(
+    observations: Sequence[PointObservation], node_of: dict[int, int], gsd_m_per_px: FloatArray
+) -> PointTerms:
+    """Return the points that enter the fit; ``gsd_m_per_px`` is ``(N,)`` what a pixel of each node's plane measures.
+
+    Where a point was surveyed a hand's breadth off, it is so in every picture: n observations of a name say no more
+    of its place than one, so each carries n times that covariance beside its own error in the picture.
+    """
+    numbers = ((*o.xy_plane, *o.xy_map_m, *np.ravel(o.covariance_m2), o.sigma_px) for o in observations)
+    finite = [bool(np.isfinite(n).all()) for n in numbers]
+    rows = [k for k, o in enumerate(observations) if not o.check and o.frame in node_of and finite[k]]
+    kept = [observations[k] for k in rows]
+    seen = Counter((o.kind, o.name) for o in kept if o.name)
+    node = np.array([node_of[o.frame] for o in kept], np.intp)
+    place = np.array([o.covariance_m2 * seen.get((o.kind, o.name), 1) for o in kept]).reshape(-1, 2, 2)
+    picture = np.array([o.sigma_px for o in kept]) * gsd_m_per_px[node]
+    kinds = list(PointKind)
+    return PointTerms(
+        node,
+        np.array([complex(*o.xy_plane) for o in kept], complex),
+        np.array([complex(*o.xy_map_m) for o in kept], complex),
+        _inverse_spd(place + (picture**2)[:, None, None] * np.eye(2), floor=MIN_POINT_SIGMA_M**2),
+        np.array([kinds.index(o.kind) for o in kept], np.intp),
+        np.array(rows, np.intp),
+    )
 
 
 def _inverse_spd(covariance: FloatArray, floor: float = 0.0) -> FloatArray:

@@ -1,8 +1,8 @@
 """Robust optimisation around a least-squares backend: judge every term by its residual, weigh, minimise, repeat.
 
-Residuals are judged against the spread found in their kind (edges; fixes, flight by flight): registrations or fixes
-that are worse than they say widen all alike, and only what stands out of its kind is put aside. The spread shrinks as
-the solution improves, which grades the rejection by itself.
+Residuals are judged against the spread found in their kind (edges; fixes, flight by flight; known points): what is
+worse than it says all alike is widened, and only what stands out of its kind is put aside. The spread shrinks as the
+solution improves, which grades the rejection by itself.
 """
 
 from __future__ import annotations
@@ -13,12 +13,19 @@ from typing import Protocol
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.slam.linear import edge_residuals, heading_residuals, position_residuals, squared_distances
+from photomap_gis.slam.linear import (
+    edge_residuals,
+    heading_residuals,
+    point_residuals,
+    position_residuals,
+    squared_distances,
+)
 from photomap_gis.slam.problem import Problem, State, Weights
-from photomap_gis.slam.robust import redescending, spread
+from photomap_gis.slam.robust import REJECTED_BELOW, redescending, spread
 
 EDGE_LIMIT = 4.0
 POSITION_LIMIT = 3.5
+POINT_LIMIT = 3.5
 HEADING_LIMIT = 3.0
 """Sigmas (of the spread found) beyond which a term loses its weight."""
 MIN_JUDGED = 8
@@ -66,17 +73,26 @@ def optimise(problem: Problem, start: State, trust: Weights, minimise: Minimise)
         moved_px = float((np.abs(state.t - last.t) / np.exp(state.w.real)).max())
         edges = squared_distances(edge_residuals(problem, state), problem.edges.information)
         fixes = squared_distances(position_residuals(problem, state), problem.positions.information)
+        points = squared_distances(point_residuals(problem, state), problem.points.information)
         headings = (heading_residuals(problem, state) / problem.headings.sigma) ** 2
         edge_spread = spread(edges, 4, redundancy, least=LEAST_EDGE_SPREAD if redundancy > 0.5 else 1.0)
         fix_spread = _spread_by_flight(problem, fixes)
+        point_spread = _spread_by_kind(problem, points, trust.points)
         renewed = Weights(
             redescending(edges / edge_spread**2, EDGE_LIMIT),
             redescending(fixes / fix_spread**2, POSITION_LIMIT),
             trust.scales,
             redescending(headings, HEADING_LIMIT),
+            redescending(points / point_spread**2, POINT_LIMIT),
         )
         trust = renewed
-        effective = Weights(trust.edges / edge_spread**2, trust.positions / fix_spread**2, trust.scales, trust.headings)
+        effective = Weights(
+            trust.edges / edge_spread**2,
+            trust.positions / fix_spread**2,
+            trust.scales,
+            trust.headings,
+            trust.points / point_spread**2,
+        )
         if round_ and moved_px < SETTLED_PX:
             break
     return RobustState(state, trust, effective)
@@ -102,6 +118,17 @@ def _spread_by_flight(problem: Problem, squared: FloatArray) -> FloatArray:
         rows = flight == f
         if rows.sum() >= MIN_JUDGED:
             out[rows] = spread(squared[rows], 2)
+    return out
+
+
+def _spread_by_kind(problem: Problem, squared: FloatArray, trust: FloatArray) -> FloatArray:
+    """``(K,)`` spread of each known point's kind, by those of it that are trusted."""
+    kind = problem.points.kind
+    out = np.ones(len(squared))
+    for k in np.unique(kind):
+        rows = kind == k
+        trusted = rows & (trust > REJECTED_BELOW)
+        out[rows] = spread(squared[trusted if trusted.any() else rows], 2)
     return out
 
 

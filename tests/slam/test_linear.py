@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photomap_gis.core.posegraph import Edge, EdgeKind, PositionObservation
-from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.slam.linear import cost, edge_jacobians, edge_residuals, normal_equations
+from photomap_gis.core.posegraph import Edge, EdgeKind, PointObservation, PositionObservation
+from photomap_gis.core.similarity import Similarity2D, transform_jacobian
+from photomap_gis.slam.linear import (
+    cost,
+    edge_jacobians,
+    edge_residuals,
+    normal_equations,
+    point_jacobians,
+    point_residuals,
+)
 from photomap_gis.slam.problem import (
     Problem,
     ScalarTerms,
@@ -17,6 +24,7 @@ from photomap_gis.slam.problem import (
     Weights,
     edge_terms,
     left_jacobian,
+    point_terms,
     position_terms,
 )
 
@@ -40,13 +48,19 @@ def random_problem(rng, n=5):
     ]
     positions, drift, bias = position_terms(fixes, node_of)
     scalars = ScalarTerms.of([1], [0.3], [0.1]), ScalarTerms.of([2], [0.3], [0.2])
-    problem = Problem(n, edge_terms(edges, node_of), positions, drift, bias, *scalars, np.zeros(0, np.intp))
+    known = [
+        PointObservation(k, np.zeros(2), rng.normal(size=2) * 3, rng.normal(size=2) * 10, np.diag([2.0, 0.5]), 0.7)
+        for k in (1, 1, n - 1)
+    ]
+    points = point_terms(known, node_of, np.ones(n))
+    terms = edge_terms(edges, node_of), positions, drift, bias, *scalars, np.zeros(0, np.intp), points
+    problem = Problem(n, *terms)
 
     def numbers(size):
         return rng.normal(size=size) + 1j * rng.normal(size=size)
 
     state = State(0.3 * numbers(n), 9.0 * numbers(n), numbers(len(drift)), numbers(len(bias)))
-    weights = Weights(rng.random(len(edges)), rng.random(len(fixes)), rng.random(1), rng.random(1))
+    weights = Weights(*(rng.random(k) for k in (len(edges), len(fixes), 1, 1, len(known))))
     return edges, problem, state, weights
 
 
@@ -76,6 +90,32 @@ def test_jacobians_are_derivatives(rng):
                 d[4 * node + column] = STEP
                 ahead, behind = edge_residuals(problem, state.moved(d))[k], edge_residuals(problem, state.moved(-d))[k]
                 np.testing.assert_allclose((ahead - behind) / (2 * STEP), jacobian[:, column], atol=1e-6)
+
+
+def test_points_are_where_the_poses_put_them(rng):
+    _, problem, state, _ = random_problem(rng)
+    p = problem.points
+    for k, (r, j) in enumerate(zip(point_residuals(problem, state), point_jacobians(problem, state), strict=True)):
+        pose = state.pose(p.node[k])
+        at = np.array([p.plane[k].real, p.plane[k].imag])
+        np.testing.assert_allclose(r, pose.apply(at) - [p.z_m[k].real, p.z_m[k].imag], atol=1e-12)
+        np.testing.assert_allclose(j, transform_jacobian(pose, at)[0], atol=1e-12)
+        for column in range(4):
+            d = np.zeros(problem.size)
+            d[4 * p.node[k] + column] = STEP
+            ahead, behind = (point_residuals(problem, state.moved(s * d))[k] for s in (1, -1))
+            np.testing.assert_allclose((ahead - behind) / (2 * STEP), j[:, column], atol=1e-6)
+
+
+def test_points_seen_often_are_no_better_surveyed():
+    def seen(frame, name, **more):
+        return PointObservation(frame, np.zeros(2), np.zeros(2), np.zeros(2), np.eye(2) * 0.04, 2.0, name, **more)
+
+    known = [seen(0, "a"), seen(1, "a"), seen(1, "b"), seen(1, "c", check=True), seen(7, "d")]
+    terms = point_terms(known, {0: 0, 1: 1}, np.array([0.1, 0.2]))
+    np.testing.assert_array_equal(terms.row, [0, 1, 2])
+    variances = [2 * 0.04 + 0.2**2, 2 * 0.04 + 0.4**2, 0.04 + 0.4**2]
+    np.testing.assert_allclose(terms.information[:, 0, 0], 1 / np.array(variances), rtol=1e-9)
 
 
 def test_the_gradient_is_that_of_the_cost(rng):
