@@ -7,6 +7,7 @@
       frames.jsonl          one FrameRef a line, with the flights (journals: only ever appended)
       prepared.jsonl        one verdict a frame: usable or not, and where its working image lies in its plane
       registrations.jsonl   one registration a line, whether accepted or not
+      references.json       frames found in existing imagery, with where it shows them (replaced whole)
       solution.json         the placements of the newest solution, and every frame's status (replaced whole)
       cache/working/        small levelled grey images, one a frame; can be made again
       cache/frames/         the frames taken out of videos
@@ -33,6 +34,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.core.tie import ReferenceTies
 from photomap_gis.publish import write_file
 
 T = TypeVar("T")
@@ -277,6 +279,22 @@ class Mission:
             return _adapter(SolutionRecord).validate_json(path.read_bytes())
         except (ValidationError, OSError) as error:
             raise DataError(f"{path} is damaged: run 'photomap map' on its sources again") from error
+
+    @property
+    def references(self) -> tuple[ReferenceTies, ...]:
+        """What is known from existing imagery; empty where none was given. ``DataError`` where it is damaged."""
+        path = self.folder / "references.json"
+        if not path.is_file():
+            return ()
+        try:
+            return _adapter(tuple[ReferenceTies, ...]).validate_json(path.read_bytes())
+        except (ValidationError, OSError) as error:
+            raise DataError(f"{path} is damaged: delete it and give --reference again") from error
+
+    def save_references(self, references: Iterable[ReferenceTies]) -> None:
+        """Replace ``references.json``."""
+        adapter = _adapter(tuple[ReferenceTies, ...])
+        write_file(self.folder / "references.json", adapter.dump_json(tuple(references), indent=1))
 
     def work_image_path(self, frame: int) -> Path:
         """Where a frame's working image lies."""

@@ -16,6 +16,7 @@ from photomap_gis.core.errors import PhotomapError
 COMMANDS = {
     "map": "Make a georeferenced photo map from photos or a video.",
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, MBTiles, poses.",
+    "reference": "Lay a mission's map on existing imagery.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",
     "demo": "Simulate a flight, map it and compare with the truth.",

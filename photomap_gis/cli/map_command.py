@@ -24,6 +24,20 @@ if TYPE_CHECKING:
 @click.option("--gsd", type=float, help="Pixel of the map in metres; default: what the camera saw.")
 @click.option("--max-off-nadir", type=float, default=35.0, show_default=True, metavar="DEG",
               help="Frames looking further off the plumb line are not pasted.")  # fmt: skip
+@click.option(
+    "--reference",
+    "references",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="ORTHO.tif",
+    help="Lay the map on this existing imagery (another season will do); may be repeated.",
+)
+@click.option(
+    "--reference-sigma",
+    type=float,
+    metavar="M",
+    help="How far that imagery may be off, one sigma; default: one of its pixels.",
+)
 @source_options
 @click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
 @click.option("--memory", "memory_mb", type=click.IntRange(128), default=512, show_default=True, metavar="MB",
@@ -37,6 +51,8 @@ def command(
     crs: str | None,
     gsd: float | None,
     max_off_nadir: float,
+    references: tuple[Path, ...],
+    reference_sigma: float | None,
     workers: int | None,
     memory_mb: int,
     as_json: bool,
@@ -50,6 +66,7 @@ def command(
     photomap map DJI_0001.MP4 DJI_0002.MP4 -o flight-2        # .SRT files lie beside
     photomap map flight.mp4 --track flight.tlog --fov-deg 78 -o flight-3
     photomap map --add flight-1 SECOND_CARD
+    photomap map DCIM/100MEDIA --reference orthophoto-2019.tif -o flight-1
 
     MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
     command on the same folder resumes a run that was stopped.
@@ -65,6 +82,8 @@ def command(
         max_off_nadir_deg=max_off_nadir,
         workers=workers,
         memory_mb=memory_mb,
+        references=tuple(str(r.absolute()) for r in references),
+        reference_sigma_m=reference_sigma,
     )
     folder = add or mission
     assert folder is not None  # told apart above
@@ -105,6 +124,9 @@ def describe(summary: MapSummary) -> str:
         )
     if summary.predicted_ce90_m is not None:
         lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
+    for r in summary.references:
+        lines.append(f"reference  {Path(r.path).name}: {r.word}; {r.gsd_m_per_px:.2f} m pixels, "
+                     f"{r.sigma_m:.2f} m of its own error taken")  # fmt: skip
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
     lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
     return "\n".join(lines)

@@ -14,10 +14,12 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement, PlanePlacement
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.core.tie import ReferenceTies
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
+from photomap_gis.pipeline.ties import reference_points, reference_warnings
 from photomap_gis.slam import (
     GraphBuilder,
     Leaning,
@@ -175,8 +177,13 @@ def solve_mission(
     views: Mapping[int, PlaneView],
     measurements: Measurements,
     settings: MapSettings,
+    *,
+    references: Sequence[ReferenceTies] | None = None,
 ) -> Solved:
-    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame."""
+    """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
+
+    ``references`` are the ties to existing imagery that are used: by default all that the mission holds.
+    """
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = _leanings({f.index: f for f in usable}, measurements.accepted, prepared)
@@ -191,12 +198,14 @@ def solve_mission(
     if map_frame.crs_wkt is not None:
         seen = observe(usable, map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
+    slopes = slopes_of_frames(builder.snapshot().edges)
+    tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
+    views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
+    known = mission.references if references is None else references
+    builder.observe_points(reference_points(known, {f.index: views[f.index] for f in usable}))
     graph = builder.snapshot()
     solution = solve(graph)
     predicted = accuracy(solution, graph)
-    slopes = slopes_of_frames(graph.edges)
-    tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
-    views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
@@ -222,7 +231,11 @@ def solve_mission(
         reasons,
         solution.fit_to_gps_rms_m,
         None if predicted is None else predicted.predicted_ce90_m,
-        (*_warnings(frames, map_frame), *_lag_warnings(mission, solution.fix_lags_s)),
+        (
+            *_warnings(frames, map_frame),
+            *_lag_warnings(mission, solution.fix_lags_s),
+            *reference_warnings(known),
+        ),
     )
 
 

@@ -3,8 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
+
+from photomap_gis.core.tie import ReferenceTies
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceSummary:
+    """What came of a reference: places compared, frames tied to it, its pixel and its own constant error."""
+
+    path: str
+    gsd_m_per_px: float
+    sigma_m: float
+    places: int
+    ties: int
+    word: str
+
+    @classmethod
+    def of(cls, r: ReferenceTies) -> ReferenceSummary:
+        """Return the summary of what a mission keeps of a reference."""
+        return cls(r.path, r.gsd_m_per_px, r.sigma_m, r.tried, len(r.kept), r.word)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +50,7 @@ class MapSummary:
     warnings: tuple[str, ...]
     reasons: Mapping[str, Mapping[str, int]]
     outputs: tuple[str, ...]
+    references: tuple[ReferenceSummary, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the JSON document of ``photomap map --json``."""
@@ -51,4 +71,5 @@ class MapSummary:
             "warnings": list(self.warnings),
             "reasons": {status: dict(r) for status, r in self.reasons.items()},
             "outputs": list(self.outputs),
+            "references": [asdict(r) for r in self.references],
         }

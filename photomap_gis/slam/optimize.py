@@ -156,7 +156,8 @@ def _place(
         point_terms(graph.points, {int(frames[k]): int(new[k]) for k in nodes}, np.exp(w.real[nodes]))
         if on_map
         else PointTerms.none()
-    )
+    ).after(len(bias))
+    bias = np.concatenate([bias, points.reference_sigma_m])
     problem = Problem(
         len(nodes), replace(inner, a=new[inner.a], b=new[inner.b]), positions, drift, bias,
         _renumbered(scales, new), _renumbered(headings, new), new[fixed][new[fixed] >= 0], points,
