@@ -56,7 +56,8 @@ def agreeing(
 def _motions(p: FloatArray, m: FloatArray) -> list[Similarity2D]:
     """Return the motions to try: the shift of each tie, and the similarity of every pair (of some where many)."""
     out = [Similarity2D.translation_of(*d) for d in m - p]
-    pairs = list(combinations(range(len(p)), 2))
+    # Two ties alone are explained by a similarity of their own, whatever they say: they must share a shift.
+    pairs = list(combinations(range(len(p)), 2)) if len(p) >= MIN_AGREEING else []
     if len(pairs) > MAX_PAIRS:
         step = len(pairs) / MAX_PAIRS
         pairs = [pairs[int(k * step)] for k in range(MAX_PAIRS)]
