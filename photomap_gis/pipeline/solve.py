@@ -204,6 +204,8 @@ def solve_mission(
     known = mission.references if references is None else references
     builder.observe_points(reference_points(known, {f.index: views[f.index] for f in usable}))
     graph = builder.snapshot()
+    if not graph.georeferenced:
+        map_frame = MapFrame(None)  # of a mission that only its references place, solved without them
     solution = solve(graph)
     predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)

@@ -25,11 +25,19 @@ ReadGrey = Callable[[int], ImageArray]
 """Returns a frame's ``(H, W)`` uint8 raster at full resolution."""
 
 
-def draw_patch(placements: Sequence[FramePlacement], map_frame: MapFrame, grid: MapGrid, read_grey: ReadGrey) -> Patch:
+def draw_patch(
+    placements: Sequence[FramePlacement],
+    map_frame: MapFrame,
+    grid: MapGrid,
+    read_grey: ReadGrey,
+    *,
+    least_new: float = LEAST_NEW,
+) -> Patch:
     """Return a grid as the frames show it, the first where it sees the ground, the next ones where it does not.
 
-    Each frame is first freed of the detail that the grid's pixels cannot hold. Frames are brought to the brightness
-    of what is drawn already, where both see the ground.
+    A further frame is opened only where it adds ``least_new`` of the grid. Each frame is first freed of the detail
+    that the grid's pixels cannot hold, and brought to the brightness of what is drawn already, where both see the
+    ground.
     """
     grey = np.zeros((grid.height, grid.width), np.float32)
     mask = np.zeros((grid.height, grid.width), bool)
@@ -38,7 +46,7 @@ def draw_patch(placements: Sequence[FramePlacement], map_frame: MapFrame, grid: 
         nodes = _nodes(p, map_frame, grid)
         sees = _inside(nodes[..., 0], nodes[..., 1], (p.height_px, p.width_px))
         # A frame that adds hardly any ground is not worth opening.
-        if covered is not None and (sees & ~covered).mean() < LEAST_NEW:
+        if covered is not None and (sees & ~covered).mean() < least_new:
             continue
         covered = sees if covered is None else covered | sees
         pixels, seen = _drawn(p, nodes, grid, read_grey(p.frame))

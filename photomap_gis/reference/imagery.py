@@ -105,6 +105,16 @@ class ReferenceImage:
         west, south, east, north = box
         return west, south, east, north
 
+    def middle_lat_lon(self) -> tuple[float, float]:
+        """Return latitude and longitude of the raster's middle in degrees (WGS84)."""
+        d = self._dataset
+        xs, ys = _corners(d.transform, [d.width / 2.0], [d.height / 2.0])
+        try:
+            lon, lat = warp_points(d.crs, CRS.from_epsg(4326), xs, ys)
+        except RasterioError as error:
+            raise DataError(f"the reference {self.path} has a CRS without a place on Earth: {error}") from error
+        return float(lat[0]), float(lon[0])
+
     def state(self) -> str:
         """Return a word that changes when the file does: its size in bytes and its time of writing."""
         stat = self.path.stat()

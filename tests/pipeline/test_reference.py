@@ -2,11 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from photomap_gis.cli.app import cli
 from photomap_gis.core.errors import DataError, UsageError
@@ -152,3 +155,55 @@ def test_what_cannot_be_used_is_refused_before_anyone_waits(world, mission, tmp_
         reference_mission(mission, [tmp_path / "absent.tif"])
     with pytest.raises(UsageError, match="positive"):
         reference_mission(mission, [world.reference], sigma_m=-1.0)
+
+
+class Lost(NamedTuple):
+    """A flight without any metadata, and imagery of a much larger ground around it."""
+
+    truth: Truth
+    photos: Path
+    reference: Path
+    gsd_m: float
+
+
+@pytest.fixture(scope="module")
+def lost(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lost")
+    now, then = (procedural_scene((420.0, 420.0), 0.2, 9, sun_azimuth_deg=sun) for sun in (None, 90.0))
+    write_reference(another_season(then, Season(seed=9)), folder / "old.tif", gsd_m=0.5)
+    row, col, side = 700, 250, 1300
+    part = np.s_[row : row + side, col : col + side]
+    flown = replace(
+        now, colour=now.colour[part].copy(), height_m=now.height_m[part].copy(),
+        west=now.west + col * 0.2, north=now.north - row * 0.2,
+    )  # fmt: skip
+    spec = replace(SPEC, frames=14, altitude_m=60.0, width_px=640, height_px=480, headings_deg=(37.0,), seed=9)
+    truth = simulate_photos(flown, spec, folder)
+    bare = folder / "bare"
+    bare.mkdir()
+    for photo in sorted((folder / "photos").glob("*.JPG")):
+        with Image.open(photo) as picture:
+            picture.save(bare / photo.name, quality=92)
+    return Lost(truth, bare, folder / "old.tif", 0.5)
+
+
+def test_a_map_without_positions_is_found_in_the_whole_of_the_imagery(lost, tmp_path):
+    s = map_flight([lost.photos], tmp_path / "m", MapSettings(references=(str(lost.reference),)))
+    assert s.georeferenced
+    assert s.crs == "EPSG:32632"
+    errors = evaluate_map(s.map, lost.truth.folder)
+    # Nothing is known of the lens and its lean: the map is not better in itself than that allows.
+    assert errors.absolute_rmse_m <= 2 * lost.gsd_m
+    again = map_flight([lost.photos], tmp_path / "m", MapSettings(references=(str(lost.reference),)))
+    assert again.bounds == s.bounds
+
+
+def test_a_map_that_is_nowhere_in_the_imagery_stays_relative(lost, world, tmp_path):
+    folder = tmp_path / "m"
+    assert not map_flight([lost.photos], folder).georeferenced
+    s = reference_mission(folder, [world.reference])
+    assert not s.georeferenced
+    assert [w for w in s.warnings if "was not found in it" in w]
+    found = reference_mission(folder, [lost.reference])
+    assert found.georeferenced
+    assert evaluate_map(found.map, lost.truth.folder).absolute_rmse_m <= 2 * lost.gsd_m
