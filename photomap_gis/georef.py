@@ -18,6 +18,7 @@ import pyproj
 from pyproj.exceptions import CRSError, ProjError
 from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
 
+from photomap_gis.core.accuracy import CE90_PER_RMSE_R
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import FrameRef, GpsFix, level_rotation
@@ -53,9 +54,6 @@ HEIGHT_SIGMA_M = 3.0
 MIN_HEIGHT_M = 2.0
 MAX_LEVELLED_RAD = math.radians(60.0)
 """Cameras that look further off nadir are not levelled: the horizon is in the picture or near it."""
-
-CE90_PER_RMSE_R = 1.5175
-"""CE90 = 1.5175 RMSE_r where the errors of x and y are about alike (FGDC-STD-007.3, appendix 3-A)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +132,23 @@ def fix_to_map(map_frame: MapFrame, lats: npt.ArrayLike, lons: npt.ArrayLike) ->
     """Return ``(N, 2)`` internal map points of ``(N,)`` WGS84 latitudes and longitudes in degrees."""
     lat, lon = np.atleast_1d(np.asarray(lats, np.float64)), np.atleast_1d(np.asarray(lons, np.float64))
     return map_frame.from_crs(_forward(_wkt(map_frame), lat, lon))
+
+
+def crs_to_lonlat(crs: str, xy: npt.ArrayLike) -> FloatArray:
+    """Return ``(N, 2)`` WGS84 longitudes, latitudes in degrees of ``(N, 2)`` points, x east and y north, of a CRS.
+
+    ``UsageError`` for a CRS that is unknown, or that cannot hold the points.
+    """
+    p = np.atleast_2d(np.asarray(xy, np.float64))
+    wkt = resolve_crs(crs)
+    x, y = _transformer(wkt).transform(p[:, 0], p[:, 1], direction="INVERSE")
+    lonlat = np.stack([np.asarray(x), np.asarray(y)], axis=1)
+    if not np.isfinite(lonlat).all():
+        wrong = p[~np.isfinite(lonlat).all(axis=1)][0]
+        raise UsageError(f"{_short(crs)} cannot hold the point {wrong[0]:g}, {wrong[1]:g} (x east, y north)")
+    lon, lat = np.median(lonlat, axis=0).tolist()
+    _check_area(_crs(wkt), crs, lat, lon)
+    return lonlat
 
 
 def map_to_lonlat(map_frame: MapFrame, xy_map_m: npt.ArrayLike) -> FloatArray:

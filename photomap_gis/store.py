@@ -8,6 +8,7 @@
       prepared.jsonl        one verdict a frame: usable or not, and where its working image lies in its plane
       registrations.jsonl   one registration a line, whether accepted or not
       references.json       frames found in existing imagery, with where it shows them (replaced whole)
+      control.json          ground control, picks and nudges (replaced whole); the file given lies beside it verbatim
       solution.json         the placements of the newest solution, and every frame's status (replaced whole)
       cache/working/        small levelled grey images, one a frame; can be made again
       cache/frames/         the frames taken out of videos
@@ -28,6 +29,7 @@ from typing import IO, Any, Generic, TypeVar
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from photomap_gis.core.control import ControlPoint, Nudge
 from photomap_gis.core.errors import DataError, OutputError, UsageError
 from photomap_gis.core.frame import Flight, Footage, FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
@@ -136,6 +138,21 @@ class SolutionRecord:
     revision: int
     placements: tuple[PlacementRecord, ...]
     summary: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlRecord:
+    """What people say of the map's place: control points of a file, points picked on the map, corrections by hand.
+
+    ``source`` is the file's name as it was given; ``check`` what was said of check points. ``picks`` name their
+    pictures by index (``#12``).
+    """
+
+    points: tuple[ControlPoint, ...] = ()
+    source: str = ""
+    check: tuple[str, ...] = ()
+    picks: tuple[ControlPoint, ...] = ()
+    nudges: tuple[Nudge, ...] = ()
 
 
 class Journal(Generic[T]):
@@ -295,6 +312,22 @@ class Mission:
         """Replace ``references.json``."""
         adapter = _adapter(tuple[ReferenceTies, ...])
         write_file(self.folder / "references.json", adapter.dump_json(tuple(references), indent=1))
+
+    def save_control(self, control: ControlRecord, text: str | None = None) -> None:
+        """Replace ``control.json``, and with ``text`` the copy of the file that the points were read from."""
+        if text is not None:
+            write_file(self.folder / "control-points.txt", text.encode())
+        write_file(self.folder / "control.json", _adapter(ControlRecord).dump_json(control, indent=1))
+
+    def load_control(self) -> ControlRecord:
+        """Return what is known of ground control; nothing where none was given."""
+        path = self.folder / "control.json"
+        if not path.is_file():
+            return ControlRecord()
+        try:
+            return _adapter(ControlRecord).validate_json(path.read_bytes())
+        except (ValidationError, OSError) as error:
+            raise DataError(f"{path} is damaged: delete it and give the control points again by --gcp") from error
 
     def work_image_path(self, frame: int) -> Path:
         """Where a frame's working image lies."""

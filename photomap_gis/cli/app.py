@@ -15,6 +15,8 @@ from photomap_gis.core.errors import PhotomapError
 
 COMMANDS = {
     "map": "Make a georeferenced photo map from photos or a video.",
+    "solve": "Solve a mission again, with ground control or without.",
+    "georeference": "Give a map its place by picked points, or nudge it.",
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, MBTiles, poses.",
     "reference": "Lay a mission's map on existing imagery.",
     "info": "Say what is in a source before anyone waits for a map.",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from photomap_gis.cli.control_options import control_options, control_request
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.source_options import ingest_options, source_options
 from photomap_gis.core.errors import UsageError
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     help="How far that imagery may be off, one sigma; default: one of its pixels.",
 )
 @source_options
+@control_options
 @click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
 @click.option("--memory", "memory_mb", type=click.IntRange(128), default=512, show_default=True, metavar="MB",
               help="Memory for pictures while rendering.")  # fmt: skip
@@ -55,6 +57,9 @@ def command(
     reference_sigma: float | None,
     workers: int | None,
     memory_mb: int,
+    gcp: Path | None,
+    gcp_crs: str | None,
+    check: str | None,
     as_json: bool,
     quiet: bool,
     **source: object,
@@ -67,6 +72,7 @@ def command(
     photomap map flight.mp4 --track flight.tlog --fov-deg 78 -o flight-3
     photomap map --add flight-1 SECOND_CARD
     photomap map DCIM/100MEDIA --reference orthophoto-2019.tif -o flight-1
+    photomap map DCIM/100MEDIA -o flight-4 --gcp gcp_list.txt --check every-third
 
     MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
     command on the same folder resumes a run that was stopped.
@@ -87,8 +93,14 @@ def command(
     )
     folder = add or mission
     assert folder is not None  # told apart above
+    control = control_request(gcp, gcp_crs, check)
     with ProgressBars(quiet=quiet) as bars:
-        summary = map_flight(sources, folder, settings, add=add is not None, on_progress=bars)
+        summary = map_flight(sources, folder, settings, add=add is not None, control=control, on_progress=bars)
+    tell(summary, as_json=as_json)
+
+
+def tell(summary: MapSummary, *, as_json: bool) -> None:
+    """Print what a run tells: one document or words on stdout, warnings on stderr."""
     if as_json:
         click.echo(json.dumps(summary.as_document(), indent=1))
     else:
@@ -99,11 +111,16 @@ def command(
 
 def describe(summary: MapSummary) -> str:
     """Return the summary as a person reads it."""
+    from photomap_gis.pipeline.summary import control_lines
+
     total = summary.frames["total"]
     seconds = sum(summary.seconds.values())
     lines = [f"map        {summary.map}"]
     if not summary.georeferenced:
-        lines.append("           NOT GEOREFERENCED: a relative map in pixels of its first frame; there was no GPS")
+        lines.append(
+            "           NOT GEOREFERENCED: a relative map in pixels of its first frame; there was no GPS; "
+            "see 'photomap georeference'"
+        )
     for status, count in summary.frames.items():
         if status != "total" and count:
             reasons = ", ".join(f"{n} {why}" for why, n in summary.reasons.get(status, {}).items() if why)
@@ -122,11 +139,19 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"fit to GPS {summary.fit_to_gps_rms_m:.2f} m RMS (how well map and track agree; not the accuracy)"
         )
-    if summary.predicted_ce90_m is not None:
-        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted, GPS bias included; no check points")
+    lines += control_lines(summary.control)
     for r in summary.references:
         lines.append(f"reference  {Path(r.path).name}: {r.word}; {r.gsd_m_per_px:.2f} m pixels, "
                      f"{r.sigma_m:.2f} m of its own error taken")  # fmt: skip
+    if summary.predicted_ce90_m is not None and any(r.check for r in summary.control):
+        lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m by the solution's covariances")
+    elif summary.predicted_ce90_m is not None:
+        bias = "" if summary.fit_to_gps_rms_m is None else ", GPS bias included"
+        lines.append(f"accuracy   CE90 {summary.predicted_ce90_m:.1f} m predicted{bias}; no check points")
+    for n in summary.nudges:
+        lines.append(
+            f"by hand    moved {n.east_m:+.2f} m east, {n.north_m:+.2f} m north, {n.clockwise_deg:+.2f} degrees"
+        )
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
     lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
     return "\n".join(lines)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from photomap_gis.cli.map_command import describe
+from photomap_gis.cli.map_command import tell
 from photomap_gis.cli.progress import ProgressBars
 
 
@@ -35,6 +34,4 @@ def command(
 
     with ProgressBars(quiet=quiet) as bars:
         summary = reference_mission(mission, references, sigma_m=sigma, workers=workers, on_progress=bars)
-    click.echo(json.dumps(summary.as_document(), indent=1) if as_json else describe(summary))
-    for warning in summary.warnings:
-        click.echo(f"warning: {warning}", err=True)
+    tell(summary, as_json=as_json)

@@ -1,8 +1,21 @@
 """The corridor: the only place that knows the order of the stages."""
 
+from photomap_gis.pipeline.control import ControlRequest
 from photomap_gis.pipeline.deliver import Format, export_mission
-from photomap_gis.pipeline.flight import map_flight, reference_mission
+from photomap_gis.pipeline.flight import map_flight
+from photomap_gis.pipeline.resolve import Pick, georeference, reference_mission, solve_again
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.pipeline.summary import MapSummary
 
-__all__ = ["Format", "MapSettings", "MapSummary", "export_mission", "map_flight", "reference_mission"]
+__all__ = [
+    "ControlRequest",
+    "Format",
+    "MapSettings",
+    "MapSummary",
+    "Pick",
+    "export_mission",
+    "georeference",
+    "map_flight",
+    "reference_mission",
+    "solve_again",
+]

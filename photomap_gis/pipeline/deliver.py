@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from photomap_gis import __version__
 from photomap_gis.core.errors import NotGeoreferencedError, PhotomapError, UsageError
 from photomap_gis.export import pose_rows, write_geotiff, write_kmz, write_mbtiles, write_over, write_poses, write_tiles
 from photomap_gis.mosaic import TileStore
+from photomap_gis.pipeline.control import checked, residual_rms_m
 from photomap_gis.pipeline.draw import DrawnMap
 from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solve import Solved
@@ -59,12 +61,22 @@ def deliver(mission: Mission, solved: Solved, maps: Sequence[DrawnMap], on_progr
         request = _Request(mission, solved, maps[0].store, crs=mission.header.settings.get("crs"))
         _write(Format.GEOTIFF, request, main, on_progress)
         _write(Format.KML, request, kmz, on_progress)
+        _remove_pieces(mission.folder)
         return [main, kmz]
     numbered = [mission.folder / f"map-{n}.tif" for n in range(1, len(maps) + 1)]
     for path, drawn in zip(numbered, maps, strict=True):
         _write(Format.GEOTIFF, _Request(mission, solved, drawn.store), path, on_progress)
     copy_as(numbered[0], main)
     return [main, *numbered]
+
+
+def _remove_pieces(folder: Path) -> None:
+    """Remove the maps of single pieces that a mission leaves while it has no place on Earth: they are one map now."""
+    for path in folder.iterdir():
+        if re.fullmatch(r"map-\d+\.tif", path.name) and path.is_file():
+            path.unlink()
+        elif re.fullmatch(r"mosaic-\d+", path.name) and path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def export_mission(
@@ -98,7 +110,7 @@ def export_mission(
                 if wanted in NEEDS_PLACE and not solved.georeferenced:
                     raise NotGeoreferencedError(
                         f"--{wanted} needs a place on Earth, and this mission has no GPS: map it again with --track "
-                        "FILE; --geotiff and --poses work in local units"
+                        "FILE or --gcp FILE; --geotiff and --poses work in local units"
                     )
                 written += _write(wanted, request, path, on_progress)
             except PhotomapError as error:
@@ -205,6 +217,8 @@ def _words(solved: Solved) -> str:
         parts.append(f"newest frame {flown}")
     if solved.predicted_ce90_m is not None:
         parts.append(f"predicted CE90 {solved.predicted_ce90_m:.1f} m")
+    if (found := checked(solved.control)) is not None:
+        parts.append(f"NSSDA {found.nssda_95_m:.2f} m at 95 % by {found.method}")
     if not solved.georeferenced:
         parts.append("NOT GEOREFERENCED: local units")
     return "; ".join(parts)
@@ -218,6 +232,19 @@ def _tags(solved: Solved) -> dict[str, str]:
         tags["PREDICTED_CE90_M"] = f"{solved.predicted_ce90_m:.2f}"
     if solved.fit_to_gps_rms_m is not None:
         tags["FIT_TO_GPS_RMS_M"] = f"{solved.fit_to_gps_rms_m:.2f}"
+    if (rms := residual_rms_m(solved.control)) is not None:
+        tags["CONTROL_POINTS"] = str(sum(r.used and not r.check for r in solved.control))
+        tags["CONTROL_RESIDUAL_RMS_M"] = f"{rms:.3f}"
+    if (found := checked(solved.control)) is not None:
+        tags |= {
+            "CHECK_POINTS": str(found.n),
+            "CHECK_RMSE_X_M": f"{found.rmse_x_m:.3f}",
+            "CHECK_RMSE_Y_M": f"{found.rmse_y_m:.3f}",
+            "CHECK_RMSE_R_M": f"{found.rmse_r_m:.3f}",
+            "CHECK_CE90_M": f"{found.ce90_m:.3f}",
+            "CHECK_NSSDA_95_M": f"{found.nssda_95_m:.3f}",
+            "CHECK_METHOD": found.method,
+        }
     return tags
 
 

@@ -119,8 +119,8 @@ class Measurements:
 
     @property
     def accepted(self) -> list[RegistrationRecord]:
-        """The registrations that are probably right."""
-        return [r for r in self.records.values() if r.accepted]
+        """The registrations that are probably right, in one order whatever the way they were found on."""
+        return sorted((r for r in self.records.values() if r.accepted), key=lambda r: (r.a, r.b))
 
     def count_accepted(self) -> dict[str, int]:
         """Return how many registrations of each kind were accepted."""
@@ -169,13 +169,9 @@ class Measurements:
             ):
                 if min(degree[c.a], degree[c.b]) < WELL_TIED or cluster.segments[c.a] != cluster.segments[c.b]:
                     pairs.append(Pair(c.a, c.b, EdgeKind.LOOP, prior_of(c, self.prepared)))
-        return self._take(pairs, "join", again=True) + self._take_left()
+        return self._take(pairs, "join", again=True) + self.take_kept()
 
-    def take_recorded(self) -> None:
-        """Take over all that the journal holds, without measuring anything."""
-        self._take_left()
-
-    def _take_left(self) -> int:
+    def take_kept(self) -> int:
         """Take over what the journal still holds; return how many accepted registrations that adds."""
         gained = 0
         for key, left in self._earlier.items():

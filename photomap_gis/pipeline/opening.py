@@ -24,23 +24,31 @@ _SETTINGS = TypeAdapter(MapSettings)
 
 
 def open_mission(
-    sources: Sequence[str | Path], folder: Path, settings: MapSettings, *, add: bool, on_progress: Progress
+    sources: Sequence[str | Path],
+    folder: Path,
+    settings: MapSettings,
+    *,
+    add: bool,
+    on_progress: Progress,
+    with_control: bool = False,
 ) -> tuple[Mission, MapSettings]:
     """Return the mission in ``folder`` and the settings that hold for it.
 
     A folder that holds a mission of the same sources and settings is resumed; of others it is a ``UsageError``.
+    ``with_control`` says that ground control will give a map without positions its place; existing imagery may too.
     """
     if settings.crs is not None:
         resolve_crs(settings.crs)  # a wrong name is told before anyone waits
     for reference in settings.references:
         with ReferenceImage(Path(reference)):
             pass  # so is a file that cannot be used
+    with_control = with_control or bool(settings.references)
     look = partial(on_progress, "look")
     if add:
         mission = Mission.open(folder)
         known = kept_settings(mission)
         settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px)
-        _extend(mission, sources, settings, look)
+        _extend(mission, sources, settings, look, with_control or bool(mission.load_control().points))
         return mission, settings
     names = tuple(str(Path(s).absolute()) for s in sources)
     if Mission.exists(folder):
@@ -57,7 +65,7 @@ def open_mission(
     header = MissionHeader(
         sources=names,
         settings=_SETTINGS.dump_python(settings, mode="json"),
-        map_frame=_map_frame(footage, settings),
+        map_frame=_map_frame(footage, settings, with_control=with_control),
         created_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         product=f"photomap {__version__}",
         warnings=footage.warnings,
@@ -71,7 +79,11 @@ def kept_settings(mission: Mission) -> MapSettings:
 
 
 def _extend(
-    mission: Mission, sources: Sequence[str | Path], settings: MapSettings, look: Callable[[int, int], None]
+    mission: Mission,
+    sources: Sequence[str | Path],
+    settings: MapSettings,
+    look: Callable[[int, int], None],
+    with_control: bool,
 ) -> None:
     frames, flights = tuple(mission.frames), tuple(mission.flights)
     footage = open_sources(
@@ -91,18 +103,20 @@ def _extend(
     mission.add_footage(replace(footage, frames=fresh, flights=tuple(f for f in footage.flights if f.id in used)))
     map_frame = header.map_frame
     if map_frame.crs_wkt is None:
-        map_frame = _map_frame(replace(footage, frames=frames + fresh), settings)
+        map_frame = _map_frame(replace(footage, frames=frames + fresh), settings, with_control=with_control)
     names = tuple(n for n in (str(Path(s).absolute()) for s in sources) if n not in header.sources)
     mission.save_header(
         replace(header, sources=header.sources + names, warnings=tuple(dict.fromkeys(warnings)), map_frame=map_frame)
     )
 
 
-def _map_frame(footage: Footage, settings: MapSettings) -> MapFrame:
+def _map_frame(footage: Footage, settings: MapSettings, *, with_control: bool = False) -> MapFrame:
     fixes = [f.fix for f in footage.frames if f.fix is not None]
     if not fixes:
-        if settings.crs is not None:
-            raise UsageError("--crs needs positions, and the sources have none: leave it away or give --track FILE")
+        if settings.crs is not None and not with_control:
+            raise UsageError(
+                "--crs needs positions, and the sources have none: leave it away or give --track FILE or --gcp FILE"
+            )
         return MapFrame(None)
     return choose_map_frame(fixes, settings.crs)
 

@@ -92,6 +92,8 @@ def _found_nearby(
             fresh = again
             mission.save_references(_with(mission.references, fresh))
         if fresh.kept:
+            if (control := mission.load_control()).nudges:
+                mission.save_control(replace(control, nudges=()))  # made by hand to the map as it lay before
             solved = solve()
     return solved
 
@@ -109,7 +111,7 @@ def _found_anywhere(
     A piece lies there where as many of its frames as can be expected are found again, each by itself, where the find
     puts them. With the first piece the mission gets a place on Earth.
     """
-    map_frame = choose_map_frame([GpsFix(*image.middle_lat_lon())])
+    map_frame = choose_map_frame([GpsFix(*image.middle_lat_lon())], mission.header.settings.get("crs"))
     fresh = _untried(image, solved, str(map_frame.crs_wkt), sigma_m)
     read_grey = _reader(mission, solved)
     for done, segment in enumerate(solved.segment_numbers):

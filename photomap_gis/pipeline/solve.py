@@ -7,16 +7,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement, PlanePlacement
-from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.posegraph import PointObservation, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.core.tie import ReferenceTies
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
+from photomap_gis.pipeline.control import (
+    ControlResult,
+    control_observations,
+    judge_points,
+    moved,
+    nudge_motion,
+    words_on,
+)
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.pipeline.ties import reference_points, reference_warnings
@@ -31,9 +39,17 @@ from photomap_gis.slam import (
     slopes_of_frames,
     solve,
 )
-from photomap_gis.store import Mission, PlacementRecord, PreparedFrame, RegistrationRecord, SolutionRecord
+from photomap_gis.store import (
+    ControlRecord,
+    Mission,
+    PlacementRecord,
+    PreparedFrame,
+    RegistrationRecord,
+    SolutionRecord,
+)
 
 FLAT = (0.0, 0.0)
+_RESULTS: TypeAdapter[tuple[ControlResult, ...]] = TypeAdapter(tuple[ControlResult, ...])
 PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 
@@ -49,6 +65,7 @@ class Solved:
     fit_to_gps_rms_m: float | None = None
     predicted_ce90_m: float | None = None
     warnings: tuple[str, ...] = ()
+    control: tuple[ControlResult, ...] = ()
 
     @property
     def georeferenced(self) -> bool:
@@ -79,6 +96,8 @@ class Solved:
     @property
     def why_nothing(self) -> str:
         """What to tell a user none of whose frames can be pasted."""
+        if self.georeferenced and all(f.fix is None for f in self.frames):
+            return "no piece of the map has two control points of its own: give more by --gcp, or pick places on it"
         if any(s is FrameStatus.OBLIQUE for s in self.statuses.values()):
             return "every frame looks too far off the plumb line for a map: raise --max-off-nadir to paste them anyway"
         return (
@@ -136,6 +155,7 @@ class Solved:
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
             "predicted_ce90_m": self.predicted_ce90_m,
             "warnings": list(self.warnings),
+            "control": _RESULTS.dump_python(self.control, mode="json"),
         }
         mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
 
@@ -168,6 +188,7 @@ class Solved:
             kept.summary.get("fit_to_gps_rms_m"),
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
+            _RESULTS.validate_python(kept.summary.get("control", ())),
         )
 
 
@@ -178,13 +199,16 @@ def solve_mission(
     measurements: Measurements,
     settings: MapSettings,
     *,
-    references: Sequence[ReferenceTies] | None = None,
+    with_control: bool = True,
 ) -> Solved:
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
 
-    ``references`` are the ties to existing imagery that are used: by default all that the mission holds.
+    Without ``with_control`` ground control, existing imagery and corrections by hand are left out, and a map that only
+    they place stays relative.
     """
     prepared, map_frame = measurements.prepared, mission.header.map_frame
+    if not with_control and all(f.fix is None for f in frames):
+        map_frame = MapFrame(None)
     usable = [f for f in frames if prepared[f.index].usable]
     leanings = _leanings({f.index: f for f in usable}, measurements.accepted, prepared)
     builder = GraphBuilder()
@@ -198,19 +222,35 @@ def solve_mission(
     if map_frame.crs_wkt is not None:
         seen = observe(usable, map_frame)
         builder.observe(seen.positions, seen.scales, seen.headings)
-    slopes = slopes_of_frames(builder.snapshot().edges)
+    graph = builder.snapshot()
+    slopes = slopes_of_frames(graph.edges)
     tilts = {f: leaning.tilt_rad for f, leaning in leanings.items()}
     views = {f: _settled_view(view, tilts.get(f, FLAT), slopes.get(f, FLAT)) for f, view in views.items()}
-    known = mission.references if references is None else references
-    builder.observe_points(reference_points(known, {f.index: views[f.index] for f in usable}))
-    graph = builder.snapshot()
+    control, unused = mission.load_control() if with_control else ControlRecord(), list[str]()
+    references = mission.references if with_control else ()
+    points: list[PointObservation] = []
+    if map_frame.crs_wkt is not None:
+        if control.points or control.picks:
+            tried = {f for r in measurements.accepted for f in (r.a, r.b)} & leanings.keys()
+            points, unused = control_observations(control, usable, views, map_frame, tried)
+        ties = reference_points(references, {f.index: views[f.index] for f in usable})
+        builder.observe_points([*points, *ties])
+        graph = builder.snapshot()
+    elif control.points or control.picks:
+        unused = ["the control points cannot place the map: two or more are needed that its pictures show"]
     if not graph.georeferenced:
-        map_frame = MapFrame(None)  # of a mission that only its references place, solved without them
+        map_frame = MapFrame(None)  # what placed the map was taken away again
     solution = solve(graph)
     predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
+    if control.nudges and map_frame.crs_wkt is not None:
+        trajectory = moved(trajectory, nudge_motion(control.nudges, map_frame))
+    rejected = [k for k in solution.rejected_points if k < len(points)]  # behind them lie the ties to imagery
+    results = judge_points(points, rejected, trajectory)
+    aside = words_on(results, points, rejected, {f.index: f.name for f in usable})
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
+    tie = "GPS" if graph.positions or map_frame.crs_wkt is None else "two control points in its piece"
     for ref in frames:
         verdict = prepared[ref.index]
         if not verdict.usable:
@@ -220,7 +260,7 @@ def solve_mission(
         elif ref.attitude is not None and ref.attitude.off_nadir_rad > settings.max_off_nadir_rad:
             statuses[ref.index] = FrameStatus.OBLIQUE
         else:
-            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, "no GPS and no registration"
+            statuses[ref.index], reasons[ref.index] = FrameStatus.UNPLACED, f"no {tie} and no registration"
         if statuses[ref.index] is FrameStatus.GPS_ONLY:
             reasons[ref.index] = "no registration to a neighbour could be trusted"
         elif statuses[ref.index] is FrameStatus.OBLIQUE:
@@ -236,8 +276,11 @@ def solve_mission(
         (
             *_warnings(frames, map_frame),
             *_lag_warnings(mission, solution.fix_lags_s),
-            *reference_warnings(known),
+            *unused,
+            *aside,
+            *reference_warnings(references),
         ),
+        results,
     )
 
 
@@ -295,7 +338,8 @@ def _warnings(frames: Sequence[FrameRef], map_frame: MapFrame) -> tuple[str, ...
     found = []
     if map_frame.crs_wkt is None:
         found.append(
-            "no positions: the map is relative, not georeferenced; give --track FILE, or put the .SRT beside the video"
+            "no positions: the map is relative, not georeferenced; give --track FILE or --gcp FILE, put the .SRT "
+            "beside the video, or pick two places by 'photomap georeference MISSION --pick X,Y=LAT,LON'"
         )
     if any(f.problem is None and (f.camera is None or f.camera.focal_px is None) for f in frames):
         found.append(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from photomap_gis.core.control import Nudge
 from photomap_gis.core.tie import ReferenceTies
+from photomap_gis.pipeline.control import ControlResult, checked, residual_rms_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,8 @@ class MapSummary:
     warnings: tuple[str, ...]
     reasons: Mapping[str, Mapping[str, int]]
     outputs: tuple[str, ...]
+    control: tuple[ControlResult, ...] = ()
+    nudges: tuple[Nudge, ...] = ()
     references: tuple[ReferenceSummary, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
@@ -71,5 +75,63 @@ class MapSummary:
             "warnings": list(self.warnings),
             "reasons": {status: dict(r) for status, r in self.reasons.items()},
             "outputs": list(self.outputs),
+            "control": control_document(self.control),
+            "accuracy": accuracy_document(self.control),
+            "nudges": [asdict(n) for n in self.nudges],
             "references": [asdict(r) for r in self.references],
         }
+
+
+def control_document(results: Sequence[ControlResult]) -> dict[str, Any] | None:
+    """Return the control points' residuals and the check points' misses; ``None`` where there is no such point.
+
+    Misses are the map minus the given place; ``predicted_sigma_m`` holds map, survey and click.
+    """
+    if not results:
+        return None
+    return {
+        "residual_rms_m": residual_rms_m(results),
+        "points": [
+            {
+                "name": r.miss.name,
+                "role": "check" if r.check else "control",
+                "used": r.used,
+                "dx_m": r.miss.east_m,
+                "dy_m": r.miss.north_m,
+                "miss_m": r.miss.miss_m,
+                "predicted_sigma_m": r.miss.sigma_m,
+                "pictures": r.miss.sightings,
+            }
+            for r in results
+        ],
+    }
+
+
+def accuracy_document(results: Sequence[ControlResult]) -> dict[str, Any] | None:
+    """Return the accuracy that the check points tell; ``None`` without check points."""
+    found = checked(results)
+    return None if found is None else {**asdict(found), "meets_standard": found.meets_standard, "method": found.method}
+
+
+def control_lines(results: Sequence[ControlResult]) -> list[str]:
+    """Return the statement on control and check points as a person reads it."""
+    lines = []
+    rms, found = residual_rms_m(results), checked(results)
+    aside = sum(not r.used and not r.check for r in results)
+    if any(not r.check for r in results):
+        fitted = sum(r.used and not r.check for r in results)
+        lines.append(f"control    {fitted} point(s) in the fit" + (f", {aside} put aside" if aside else "")
+                     + (f"; residual {rms:.2f} m RMS (not the accuracy)" if rms is not None else ""))  # fmt: skip
+    if found is not None:
+        lines.append(
+            f"accuracy   RMSE x {found.rmse_x_m:.2f} m, y {found.rmse_y_m:.2f} m, r {found.rmse_r_m:.2f} m; "
+            f"CE90 {found.ce90_m:.2f} m; NSSDA {found.nssda_95_m:.2f} m at 95 %"
+        )
+        lines.append(f"           by {found.method}; NEES/dof {found.nees_per_dof:.2f} (n = {found.n})")
+        lines += [
+            f"           {r.miss.name}: dx {r.miss.east_m:+.2f} m, dy {r.miss.north_m:+.2f} m "
+            f"(predicted sigma {r.miss.sigma_m:.2f} m)"
+            for r in results
+            if r.check
+        ]
+    return lines

@@ -133,7 +133,7 @@ def _place(
     scales, headings = _scalars(graph, node_of, relative.labels)
     w, t, fixed = relative.w, relative.t, np.zeros(0, np.intp)
     by_points = laid_on_points(relative, graph.points, node_of)
-    if len(positions) or by_points:
+    if len(positions) or graph.georeferenced:
         anchored = anchor(relative, positions, scales, headings, by_points)
         w, t = anchored.w, anchored.t
         if anchored.heading_flip:

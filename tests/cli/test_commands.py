@@ -1,6 +1,7 @@
 """The commands as a script or a person in a hurry uses them: stdout for results, stderr for words, exit codes."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,15 @@ def test_export_defaults_to_the_current_folder(mission, monkeypatch, capsys):
         (["export", "{mission}", "--geotiff", "-o", "{tmp}/map.png"], 2, ".tif"),
         (["export", "{mission}", "--geotiff", "--over", "{tmp}/old.tif"], 3, "old.tif"),
         (["info", "{tmp}/nothing.mp4"], 3, "nothing.mp4"),
+        (["map", "{photos}", "-o", "{tmp}/m", "--gcp", "{tmp}/none.txt"], 3, "none.txt"),
+        (["map", "{photos}", "-o", "{tmp}/m", "--gcp-crs", "EPSG:25832"], 2, "--gcp FILE"),
+        (["solve", "{tmp}"], 3, "no mission folder"),
+        (["solve", "{mission}", "--check", "P1"], 2, "--gcp FILE"),
+        (["georeference", "{mission}"], 2, "--pick X,Y=LAT,LON"),
+        (["georeference", "{mission}", "--pick", "1,2=3"], 2, "write X,Y=LAT,LON"),
+        (["georeference", "{mission}", "--pick", "1,2=97,3"], 2, "latitude comes first"),
+        (["georeference", "{mission}", "--pick", "1,2=53,8"], 2, "not on the map"),
+        (["georeference", "{mission}", "--nudge", "1,nan"], 2, "EAST,NORTH"),
         (["simulate", "{tmp}/no.tif", "-o", "{tmp}/s"], 3, "no.tif"),
     ],
 )
@@ -87,6 +97,40 @@ def test_what_goes_wrong_is_one_line_with_its_exit_code(flight, mission, tmp_pat
     assert "Traceback" not in err
     last = err.strip().splitlines()[-1]
     assert last.startswith("photomap: ")
+
+
+def test_control_points_from_the_command_line(flight, mission, tmp_path, capsys):
+    truth = json.loads((flight / "truth" / "truth.json").read_text())
+    camera = truth["camera"]
+    x, y = (camera["width_px"] - 1) / 2, (camera["height_px"] - 1) / 2
+    rows = ["name,x,y,image,px,py"]
+    for n, f in enumerate(truth["frames"][::2], start=1):
+        # what the middle of a picture shows: the optical axis followed down to the ground
+        north, east, down = (row[2] for row in f["R_grid_camera"])
+        reach = (f["height_m"] - f["ground_height_m"]) / down
+        rows.append(f"P{n},{f['easting_m'] + reach * east},{f['northing_m'] + reach * north},{f['name']},{x},{y}")
+    gcp = tmp_path / "points.csv"
+    gcp.write_text("\n".join(rows))
+    folder = tmp_path / "mission"
+    shutil.copytree(mission, folder)
+    solve = ["solve", str(folder), "--gcp", str(gcp), "--gcp-crs", "EPSG:32632", "--check", "P2", "-q"]
+    assert main(solve) == 0
+    words = capsys.readouterr().out
+    assert "2 point(s) in the fit" in words
+    assert "1 check point outside the fit" in words
+    assert "P2: dx" in words
+    assert main(["georeference", str(folder), "--nudge", "-1,0.5", "--json", "-q"]) == 0
+    nudged = json.loads(capsys.readouterr().out)
+    assert nudged["nudges"][0]["east_m"] == -1.0
+    assert main(["info", str(folder), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["accuracy"] == nudged["accuracy"]
+    assert told["accuracy"]["n"] == 1
+    assert told["control_file"] == "points.csv"
+    assert main(["info", str(folder)]) == 0
+    words = capsys.readouterr().out
+    assert "NSSDA" in words
+    assert "by hand" in words
 
 
 @pytest.mark.slow

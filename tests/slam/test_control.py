@@ -159,3 +159,22 @@ def test_lone_frames_are_laid_by_two_points():
     solution = solve(with_points(graph(flight, ()), points))
     assert isinstance(solution.poses[0].T_map_plane, Similarity2D)
     np.testing.assert_allclose(solution.poses[0].T_map_plane.matrix, pose.matrix, atol=1e-3)
+
+
+def test_points_that_place_no_piece_leave_nothing_in_pixels(rng, flight, ties):
+    """One point on each of two unconnected strips: neither can be placed, and pixels must not pass for metres."""
+    apart = [e for e in ties if (e.a < 40) == (e.b < 40)]
+    points = control(rng, flight, (CORNERS[0], CORNERS[-1]), frames_each=1)
+    g = with_points(graph(flight, apart), points)
+    assert g.georeferenced
+    assert solve(g).poses == ()
+
+
+def test_each_piece_is_placed_by_its_own_points(rng, flight, ties):
+    apart = [e for e in ties if (e.a < 40) == (e.b < 40)]
+    points = control(rng, flight, ((0, "a"), (31, "b"), (45, "c"), (79, "d")))
+    solution = solve(with_points(graph(flight, apart), points))
+    assert {p.segment for p in solution.poses} == {0, 1}
+    assert rmse(centres(solution, all_frames(flight)), flight.centres_m) < 0.4
+    first = solve(with_points(graph(flight, apart), points[:4]))
+    assert {p.frame for p in first.poses} == set(range(40))

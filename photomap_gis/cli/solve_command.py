@@ -1,0 +1,35 @@
+"""``photomap solve``: a mission solved again from its journals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from photomap_gis.cli.control_options import control_options, control_request
+from photomap_gis.cli.map_command import tell
+from photomap_gis.cli.progress import ProgressBars
+
+
+@click.command(name="solve", short_help="Solve a mission again, with ground control or without.")
+@click.argument("mission", type=click.Path(path_type=Path))
+@control_options
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress.")
+def command(
+    mission: Path, gcp: Path | None, gcp_crs: str | None, check: str | None, as_json: bool, quiet: bool
+) -> None:
+    """Solve MISSION again without registering anything anew; draw and export its map.
+
+    \b
+    photomap solve flight-1 --gcp gcp_list.txt --check every-third
+    photomap solve flight-1 --gcp points.csv --gcp-crs EPSG:25832 --check P3,P7
+    photomap solve flight-1 --check P3               # the points that are kept in the mission
+
+    The control points are kept in the mission: later runs and solves use them.
+    """
+    from photomap_gis.pipeline import solve_again
+
+    with ProgressBars(quiet=quiet) as bars:
+        summary = solve_again(mission, control_request(gcp, gcp_crs, check), on_progress=bars)
+    tell(summary, as_json=as_json)

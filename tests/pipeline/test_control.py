@@ -1,0 +1,250 @@
+"""Ground control through the whole corridor: control and check points, picks, nudges, missions solved again."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from PIL import Image
+
+from photomap_gis.core.accuracy import predicted_sigma_m
+from photomap_gis.core.control import ControlPoint, Sighting
+from photomap_gis.core.errors import DataError, UsageError
+from photomap_gis.core.frame import FrameRef
+from photomap_gis.core.grid import MapFrame
+from photomap_gis.georef import plane_view, resolve_crs
+from photomap_gis.pipeline import ControlRequest, Pick, export_mission, georeference, map_flight, solve_again
+from photomap_gis.pipeline.control import control_observations
+from photomap_gis.pipeline.deliver import Format
+from photomap_gis.pipeline.solve import Solved
+from photomap_gis.simulate import Truth
+from photomap_gis.simulate.evaluate import evaluate_map
+from photomap_gis.simulate.geodesy import GeoFrame
+from photomap_gis.store import ControlRecord, Mission
+
+UTM = resolve_crs("EPSG:32632")
+
+
+def ground_points(truth: Truth, count: int = 9) -> np.ndarray:
+    """``(count, 3)`` easting, northing, height of points all over the flight."""
+    centres = np.array([(f.pose.easting_m, f.pose.northing_m) for f in truth.frames])
+    rng = np.random.default_rng(11)
+    spread = centres[np.linspace(0, len(centres) - 1, count).astype(int)] + rng.uniform(-12, 12, (count, 2))
+    return np.concatenate([spread, truth.ground().heights_at(spread)[:, None]], axis=1)
+
+
+def control_list(truth: Truth, path: Path, *, wrong: str | None = None, click_px: float = 0.3) -> Path:
+    """Write what a surveyor and a patient person would: P1, P2, ... with up to three pictures each."""
+    rng = np.random.default_rng(12)
+    lines = ["WGS84 UTM 32N"]
+    for n, (e, north, height) in enumerate(ground_points(truth), start=1):
+        given = (e + (25.0 if wrong == f"P{n}" else 0.0), north)
+        for frame in truth.frames:
+            px = frame.pose.project(truth.camera, [[e, north, height]])[0]
+            middle = np.abs(px - truth.camera.principal_xy_px) / (truth.camera.width_px, truth.camera.height_px)
+            if np.isfinite(px).all() and middle.max() < 0.4 and sum(f" P{n}" in line for line in lines) < 3:
+                x, y = px + rng.normal(0, click_px, 2)
+                lines.append(f"{given[0]:.3f} {given[1]:.3f} {height:.2f} {x:.2f} {y:.2f} {frame.name} P{n}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def strip_gps(folder: Path, out: Path) -> Path:
+    """Copy photos with the lens but without GPS."""
+    out.mkdir()
+    for photo in sorted(folder.glob("*.JPG")):
+        with Image.open(photo) as picture:
+            picture.save(out / photo.name, quality=92)
+    return out
+
+
+@pytest.fixture
+def mission(mapped, tmp_path):
+    """A copy of the mapped mission that a test may change."""
+    folder = tmp_path / "mission"
+    shutil.copytree(mapped.folder, folder)
+    return folder
+
+
+def by_name(summary):
+    return {r.miss.name: r for r in summary.control}
+
+
+def test_control_points_pull_a_map_with_gps_and_check_points_test_it(flown, mapped, mission, tmp_path):
+    gcp = control_list(flown.truth, tmp_path / "gcp_list.txt", wrong="P5")
+    registrations = (mission / "registrations.jsonl").read_bytes()
+    summary = solve_again(mission, ControlRequest(gcp, check=("every-third",)))
+    assert (mission / "registrations.jsonl").read_bytes() == registrations
+    document = json.loads(json.dumps(summary.as_document()))
+    accuracy = document["accuracy"]
+    assert accuracy["n"] == 3
+    assert accuracy["rmse_r_m"] < 0.3 < mapped.summary.predicted_ce90_m
+    assert accuracy["nssda_95_m"] == pytest.approx(1.7308 * accuracy["rmse_r_m"])
+    assert "20 or more" in accuracy["method"]
+    assert 0.05 < accuracy["nees_per_dof"] < 3
+    roles = {p["name"]: (p["role"], p["used"]) for p in document["control"]["points"]}
+    assert roles["P3"] == roles["P6"] == roles["P9"] == ("check", False)
+    assert roles["P5"] == ("control", False)
+    assert all(roles[f"P{n}"] == ("control", True) for n in (1, 2, 4, 7, 8))
+    (word,) = [w for w in summary.warnings if "P5" in w]
+    assert "misses the map by 2" in word
+    assert by_name(summary)["P5"].miss.east_m == pytest.approx(-25.0, abs=0.5)
+    errors = evaluate_map(summary.map, flown.truth.folder)
+    assert errors.absolute_rmse_m < 0.35
+    with rasterio.open(summary.map) as raster:
+        tags = raster.tags()
+    assert tags["CHECK_POINTS"] == "3"
+    assert tags["CONTROL_POINTS"] == "5"
+    assert float(tags["CHECK_NSSDA_95_M"]) == pytest.approx(accuracy["nssda_95_m"], abs=1e-3)
+    assert (mission / "control-points.txt").read_text() == gcp.read_text()
+    # what the mission keeps gives the same again, and an export knows it too
+    again = map_flight([flown.photos], mission)
+    assert again.control == summary.control
+    (out,) = export_mission(mission, [Format.GEOTIFF], out=tmp_path / "again.tif")
+    with rasterio.open(out) as raster:
+        assert raster.tags()["CHECK_RMSE_R_M"] == tags["CHECK_RMSE_R_M"]
+    other = solve_again(mission, ControlRequest(check=("P1",)))
+    assert [r.miss.name for r in other.control if r.check] == ["P1"]
+    with Mission.open(mission) as kept:
+        trajectory = Solved.load(kept).trajectory
+    sigma = predicted_sigma_m(trajectory, [trajectory.placements[5].centre_xy_map_m, [1e6, 1e6]])
+    assert 0.005 < sigma[0] < 0.3
+    assert np.isnan(sigma[1])
+
+
+def test_a_map_without_gps_gets_its_place_from_control_points(flown, tmp_path):
+    photos = strip_gps(flown.photos, tmp_path / "bare")
+    gcp = control_list(flown.truth, tmp_path / "gcp_list.txt")
+    summary = map_flight([photos], tmp_path / "m", control=ControlRequest(gcp, check=("P2", "P6")))
+    assert summary.georeferenced
+    assert summary.crs == "EPSG:32632"
+    assert summary.as_document()["accuracy"]["rmse_r_m"] < 0.6
+    assert summary.fit_to_gps_rms_m is None
+    assert evaluate_map(summary.map, flown.truth.folder).absolute_rmse_m < 0.6
+    assert (tmp_path / "m" / "map.kmz").is_file()
+
+
+def test_picks_place_a_relative_map_without_registering_again(flown, tmp_path):
+    photos = strip_gps(flown.photos, tmp_path / "bare")
+    folder = tmp_path / "m"
+    relative = map_flight([photos], folder)
+    assert not relative.georeferenced
+    registrations = (folder / "registrations.jsonl").read_bytes()
+    with Mission.open(folder) as kept:
+        solved = Solved.load(kept)
+    refs, trues = {f.index: f for f in solved.frames}, {f.name: f for f in flown.truth.frames}
+    picks = []
+    for p in (solved.trajectory.placements[0], solved.trajectory.placements[-1]):
+        px = p.centre_xy_px + np.array([30.0, -20.0])
+        x, y = solved.map_frame.to_crs(p.camera_to_map.project(px))[0]
+        true = trues[refs[p.frame].name]
+        en = true.pose.ground_points(flown.truth.camera, px, true.ground_height_m)
+        ((lon, lat),) = GeoFrame(flown.truth.crs_wkt).to_lon_lat(en)
+        picks.append(Pick(float(x), float(y), float(lat), float(lon)))
+    with pytest.raises(UsageError, match="two or more"):
+        georeference(folder, picks=picks[:1])
+    with pytest.raises(UsageError, match="not on the map"):
+        georeference(folder, picks=[picks[0], Pick(1e7, 1e7, 53.0, 8.0)])
+    with pytest.raises(UsageError, match="--pick or --gcp"):
+        georeference(folder, nudge=(1.0, 1.0, 0.0))
+    assert not solve_again(folder).georeferenced, "what was refused has left nothing behind"
+    placed = georeference(folder, picks=picks)
+    assert placed.georeferenced
+    assert (folder / "registrations.jsonl").read_bytes() == registrations
+    assert not (folder / "map-1.tif").exists()
+    errors = evaluate_map(placed.map, flown.truth.folder)
+    assert errors.absolute_rmse_m < 2.0
+    assert all(r.used and r.miss.miss_m < 0.3 for r in placed.control)
+    assert solve_again(folder).control == placed.control
+
+
+def test_a_nudge_moves_the_map_and_later_solves_keep_it(mapped, mission):
+    def centres():
+        with Mission.open(mission) as kept:
+            return np.array([p.centre_xy_map_m for p in Solved.load(kept).trajectory.placements])
+
+    before = centres()
+    summary = georeference(mission, nudge=(3.0, -2.0, 0.0))
+    np.testing.assert_allclose(centres() - before, np.broadcast_to((3.0, 2.0), before.shape), atol=1e-3)
+    assert summary.as_document()["nudges"][0]["east_m"] == 3.0
+    west, _, _, north = summary.bounds
+    assert west - mapped.summary.bounds[0] == pytest.approx(3.0, abs=0.2)
+    assert north - mapped.summary.bounds[3] == pytest.approx(-2.0, abs=0.2)
+    solve_again(mission)
+    np.testing.assert_allclose(centres() - before, np.broadcast_to((3.0, 2.0), before.shape), atol=1e-3)
+    georeference(mission, nudge=(-3.0, 2.0, 90.0))
+    turned, middle = centres(), (before.min(axis=0) + before.max(axis=0)) / 2
+    d = before - middle
+    np.testing.assert_allclose(turned - middle, np.stack([-d[:, 1], d[:, 0]], axis=1), atol=2e-3)  # east turns south
+    georeference(mission, reset=True)
+    np.testing.assert_allclose(centres(), before, atol=1e-6)
+
+
+def test_what_cannot_be_used_is_told_and_changes_nothing(flown, mission, tmp_path):
+    gcp = control_list(flown.truth, tmp_path / "gcp_list.txt")
+    solution = (mission / "solution.json").read_bytes()
+
+    def refused(text, message, check=None, error=DataError):
+        path = tmp_path / "bad.txt"
+        path.write_text(text)
+        with pytest.raises(error, match=message):
+            solve_again(mission, ControlRequest(path, check=check))
+
+    refused("EPSG:99999\n1 2 3 4 5 a.jpg\n", "bad.txt: .*no coordinate reference system")
+    refused(gcp.read_text().replace(".JPG", ".PNG"), "none of the pictures")
+    refused("name,lat,lon\nA,53,8\n", "where its points are seen")
+    refused(gcp.read_text().replace("32N", "33N"), "km from the flight")
+    refused(gcp.read_text(), "no such control point", check=("P77",), error=UsageError)
+    with pytest.raises(UsageError, match="--gcp FILE"):
+        solve_again(mission, ControlRequest(check=("P1",)))
+    with pytest.raises(UsageError, match="--pick"):
+        georeference(mission)
+    with pytest.raises(DataError, match="no mission folder"):
+        solve_again(tmp_path / "nowhere")
+    assert (mission / "solution.json").read_bytes() == solution
+    assert not Mission.open(mission).load_control().points
+    frames = mission / "frames.jsonl"
+    frames.write_text(frames.read_text().replace(str(flown.photos), "/gone"))
+    with pytest.raises(DataError, match="no longer where they were"):
+        solve_again(mission)
+
+
+def test_pixels_of_a_picture_of_another_size_are_told(flown, mission, tmp_path):
+    lines = control_list(flown.truth, tmp_path / "gcp_list.txt").read_text().splitlines()
+    cells = lines[1].split()
+    cells[3] = "5000"
+    path = tmp_path / "scaled.txt"
+    path.write_text("\n".join([lines[0], " ".join(cells), *lines[2:]]))
+    summary = solve_again(mission, ControlRequest(path))
+    assert any("another size" in w for w in summary.warnings)
+
+
+def test_pictures_are_found_by_name_path_or_index():
+    def frame(index, source, **more):
+        return FrameRef(index, more.pop("name", Path(source).name), source, 10, 10, **more)
+
+    frames = [
+        frame(0, "/card/100/A.JPG", name="100/A.JPG"),
+        frame(1, "/card/101/A.JPG", name="101/A.JPG"),
+        frame(2, "/card/B.jpg"),
+        frame(3, "/v/flight.mp4", name="flight#000030", frame_number=30),
+    ]
+    wanted = {"b.JPG": 2, "x/B.jpg": 2, "101/a.jpg": 1, "card/100/A.JPG": 0, "A.JPG": None, "#3": 3, "#9": None}
+    wanted |= {"flight#000030": 3, "flight.mp4": None, "C.JPG": None}
+    for image, index in wanted.items():
+        point = ControlPoint("p", "EPSG:4326", 8.0, 53.0, sightings=(Sighting(image, (5.0, 5.0)),))
+        views = {f.index: plane_view(f) for f in frames}
+        found, words = control_observations(ControlRecord((point,)), frames, views, MapFrame(UTM), ())
+        assert [o.frame for o in found] == ([] if index is None else [index]), image
+        assert bool(words) == (index is None)
+
+
+def test_one_point_alone_places_nothing_and_says_so(flown, tmp_path):
+    photos = strip_gps(flown.photos, tmp_path / "bare")
+    lines = control_list(flown.truth, tmp_path / "gcp_list.txt").read_text().splitlines()
+    (tmp_path / "one.txt").write_text("\n".join(line for line in lines if line.endswith(("32N", " P1"))))
+    summary = map_flight([photos], tmp_path / "m", control=ControlRequest(tmp_path / "one.txt"))
+    assert not summary.georeferenced
+    assert any("two or more are needed" in w for w in summary.warnings)
