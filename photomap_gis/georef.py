@@ -29,6 +29,7 @@ from photomap_gis.core.posegraph import (
     PositionObservation,
     ScaleObservation,
     Solution,
+    Trajectory,
 )
 from photomap_gis.core.similarity import FloatArray, wrap_angle
 
@@ -177,12 +178,12 @@ def plane_view(ref: FrameRef) -> PlaneView:
     return PlaneView(camera, level_rotation(ref.attitude.R_ned_camera))
 
 
-def observe(frames: Sequence[FrameRef], map_frame: MapFrame) -> Observations:
-    """Return what fixes, heights and attitudes say of the frames' planes.
+def observe(frames: Sequence[FrameRef], map_frame: MapFrame, *, of_cameras: bool = False) -> Observations:
+    """Return what fixes, heights and attitudes say of the frames' planes, or of their cameras' places in space.
 
     EXIF altitude is never a height and is not looked at. A fix tells where the camera is, that is the plumb point
     where the attitude is known; where it is not, the plane's origin is the image centre, and the ground there is off
-    by tilt times height.
+    by tilt times height. The camera itself is where the fix says, however it leans.
     """
     positions, scales, headings = [], [], []
     with_fix = [r for r in frames if r.fix is not None and (r.fix.lat_deg, r.fix.lon_deg) != (0.0, 0.0)]
@@ -194,7 +195,8 @@ def observe(frames: Sequence[FrameRef], map_frame: MapFrame) -> Observations:
         view = plane_view(ref)
         if ref.index in place:
             height = ref.height_m if _is_height(ref.height_m) else heights.get(ref.flight, UNKNOWN_HEIGHT_M)
-            positions.append(_position(ref, view, place[ref.index], height or UNKNOWN_HEIGHT_M, k, bias[ref.flight]))
+            leaning_m = 0.0 if of_cameras else math.tan(_tilt_sigma(ref, view)) * (height or UNKNOWN_HEIGHT_M)
+            positions.append(_position(ref, place[ref.index], leaning_m, k, bias[ref.flight]))
         focal = view.camera.focal_px
         if focal is not None and ref.height_m is not None and _is_height(ref.height_m):
             sigma = math.hypot(HEIGHT_SIGMA_REL, HEIGHT_SIGMA_M / ref.height_m, view.camera.focal_sigma_rel)
@@ -221,10 +223,29 @@ def accuracy(solution: Solution, graph: PoseGraph) -> Accuracy | None:
     return Accuracy(math.sqrt(east), math.sqrt(north), CE90_PER_RMSE_R * math.sqrt(east + north), len(solution.poses))
 
 
+def predicted_ce90_m(trajectory: Trajectory) -> float | None:
+    """Return the CE90 that the placements' covariances predict of the frames' centres; ``None`` where there are none.
+
+    It holds the GPS's drift and bias, and what is not known of the ground.
+    """
+    if not trajectory.placements:
+        return None
+    variance = np.array([p.position_covariance_m2()[0] for p in trajectory.placements])
+    variance = variance[np.isfinite(variance).all(axis=(1, 2))]
+    return CE90_PER_RMSE_R * math.sqrt(float(np.mean(np.trace(variance, axis1=1, axis2=2)))) if len(variance) else None
+
+
+def _tilt_sigma(ref: FrameRef, view: PlaneView) -> float:
+    """How far off the plumb line the plane's origin may hang."""
+    if ref.attitude is not None and _is_levelled(ref, view.camera):
+        return ref.attitude.sigma_tilt_rad
+    return UNKNOWN_TILT_RAD
+
+
 def _position(
-    ref: FrameRef, view: PlaneView, xy: FloatArray, height_m: float, place_in_order: int, bias_m: float
+    ref: FrameRef, xy: FloatArray, leaning_m: float, place_in_order: int, bias_m: float
 ) -> PositionObservation:
-    """Return a fix as an observation of the plane's origin: white, tilt and drift parts of its error told apart."""
+    """Return a fix as an observation of the plane's origin: white, leaning and drift parts of its error told apart."""
     sigma = _fix(ref).sigma_m
     white, drift = WHITE_SIGMA_M, DRIFT_SIGMA_M
     if sigma is not None and sigma > 0.0:
@@ -233,9 +254,7 @@ def _position(
         share = min(1.0, sigma / whole)
         white, drift = white * share, drift * share
         white = math.hypot(white, math.sqrt(max(sigma**2 - whole**2, 0.0)))
-    levelled = ref.attitude is not None and _is_levelled(ref, view.camera)
-    tilt = ref.attitude.sigma_tilt_rad if levelled and ref.attitude is not None else UNKNOWN_TILT_RAD
-    variance = white**2 + drift**2 + (math.tan(tilt) * height_m) ** 2
+    variance = white**2 + drift**2 + leaning_m**2
     time = ref.time_s if ref.time_s is not None else ref.pts_s
     if time is None:
         time = place_in_order * NOMINAL_INTERVAL_S

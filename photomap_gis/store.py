@@ -20,6 +20,8 @@ A killed run leaves at worst a journal whose last line is cut: it is dropped whe
 
 from __future__ import annotations
 
+import base64
+import math
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -33,7 +35,8 @@ from photomap_gis.core.control import ControlPoint, Nudge
 from photomap_gis.core.errors import DataError, OutputError, UsageError
 from photomap_gis.core.frame import Flight, Footage, FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
-from photomap_gis.core.measurement import Registration
+from photomap_gis.core.ground import HeightField
+from photomap_gis.core.measurement import Registration, TiePoints
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.core.tie import ReferenceTies
@@ -89,14 +92,16 @@ class RegistrationRecord:
     correlation: float
     alternatives: tuple[Similarity2D, ...] = ()
     H_a_b: tuple[float, ...] | None = None
+    ties: str | None = None
 
     @classmethod
     def of(cls, r: Registration, kind: EdgeKind) -> RegistrationRecord:
-        """Return the record of a registration."""
+        """Return the record of a registration; the ties of one that was not accepted are of no use."""
         return cls(
             r.a, r.b, kind, r.T_a_b, tuple(float(v) for v in r.covariance.ravel()), float(r.probability), r.size_b_px,
             float(r.model_sigma_px), bool(r.accepted), r.method, float(r.overlap), float(r.correlation), r.alternatives,
             None if r.H_a_b is None else tuple(float(v) for v in r.H_a_b.ravel()),
+            _packed(r.ties) if r.ties is not None and r.accepted else None,
         )  # fmt: skip
 
     @property
@@ -106,7 +111,55 @@ class RegistrationRecord:
             self.T_a_b, _square(self.covariance), self.probability, self.size_b_px, self.model_sigma_px, self.accepted,
             self.method, self.overlap, self.correlation, self.alternatives, self.a, self.b,
             None if self.H_a_b is None else np.array(self.H_a_b).reshape(3, 3),
+            None if self.ties is None else _unpacked(self.ties),
         )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PosedRecord:
+    """A camera in space: centre (x, y, height up) in map units, ``R_map_camera`` row by row, and its lens as found."""
+
+    centre: tuple[float, ...]
+    R_map_camera: tuple[float, ...]
+    focal_px: float
+    k1: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroundRecord:
+    """The ground's surface: heights row by row on a lattice of the map frame (see ``HeightField``)."""
+
+    origin_xy: tuple[float, float]
+    cell: float
+    columns: int
+    up: tuple[float, ...]
+    sigma: float
+
+    @classmethod
+    def of(cls, ground: HeightField) -> GroundRecord:
+        """Return the record of a surface."""
+        up = tuple(round(float(v), 4) for v in ground.up.ravel())
+        return cls(ground.origin_xy, ground.cell, ground.up.shape[1], up, ground.sigma)
+
+    @property
+    def height_field(self) -> HeightField:
+        """The surface itself."""
+        return HeightField(self.origin_xy, self.cell, np.array(self.up).reshape(-1, self.columns), self.sigma)
+
+
+@dataclass(frozen=True, slots=True)
+class LensRecord:
+    """What a flight told of its lens; sigmas are of the focal length's logarithm and of k1, as they are now."""
+
+    name: str
+    focal_px: float
+    focal_before_px: float
+    focal_sigma_rel: float
+    focal_observed: bool
+    k1: float
+    k1_before: float
+    k1_sigma: float
+    k1_observed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +175,11 @@ class PlacementRecord:
     covariance: tuple[float, ...] | None = None
     R_level_camera: tuple[float, ...] | None = None
     ground_slope: tuple[float, float] = (0.0, 0.0)
+    posed: PosedRecord | None = None
 
     @property
     def covariance_matrix(self) -> FloatArray:
-        """``(4, 4)`` covariance of the pose."""
+        """``(4, 4)`` covariance of the pose on the plane, ``(6, 6)`` of one in space."""
         if self.covariance is None:
             raise ValueError(f"frame {self.frame} is not placed")
         return _square(self.covariance)
@@ -138,6 +192,8 @@ class SolutionRecord:
     revision: int
     placements: tuple[PlacementRecord, ...]
     summary: dict[str, Any]
+    ground: GroundRecord | None = None
+    lenses: tuple[LensRecord, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,5 +407,29 @@ def _adapter(kind: type[T]) -> TypeAdapter[T]:
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}  # building one takes milliseconds
 
 
+_TIE = np.dtype([("xy_a", "<f4", 2), ("xy_b", "<f4", 2), ("sigma", "<f2", 2), ("correlation", "<f2"), ("place", "u1")])
+"""A tie as the journal packs it: sigmas along x and y and their correlation say what the covariance does."""
+
+
+def _packed(ties: TiePoints) -> str:
+    """Return tie points as base64: a journal of text would be five times that."""
+    table = np.zeros(len(ties), _TIE)
+    xx, xy, yy = ties.covariance_a_px2.T
+    table["xy_a"], table["xy_b"], table["place"] = ties.xy_a_px, ties.xy_b_px, ties.place
+    table["sigma"] = np.sqrt(np.stack([xx, yy], axis=1))
+    table["correlation"] = xy / np.sqrt(xx * yy)
+    return base64.b64encode(table.tobytes()).decode("ascii")
+
+
+def _unpacked(text: str) -> TiePoints:
+    table = np.frombuffer(base64.b64decode(text), _TIE)
+    sx, sy = table["sigma"].astype(np.float64).T
+    r = np.clip(table["correlation"].astype(np.float64), -0.999, 0.999)
+    covariance = np.stack([sx * sx, r * sx * sy, sy * sy], axis=1)
+    xy_a, xy_b = table["xy_a"].astype(np.float64), table["xy_b"].astype(np.float64)
+    return TiePoints(xy_a, xy_b, covariance, table["place"].astype(np.intp))
+
+
 def _square(row_by_row: tuple[float, ...]) -> FloatArray:
-    return np.array(row_by_row, dtype=np.float64).reshape(4, 4)
+    side = math.isqrt(len(row_by_row))
+    return np.array(row_by_row, dtype=np.float64).reshape(side, side)

@@ -220,3 +220,20 @@ def test_accuracy_is_ce90_of_the_covariances():
     assert stated.predicted_ce90_m == pytest.approx(1.5175 * math.hypot(2.0, 2.0))
     assert georef.accuracy(Solution((pose,), 0.0), PoseGraph((0,), ())) is None
     assert georef.accuracy(Solution((), 0.0), graph) is None
+
+
+@given(lat=st.floats(50.0, 54.0), lon=st.floats(6.5, 11.5))
+def test_points_of_a_crs_come_back_from_degrees(lat, lon):
+    frame = georef.choose_map_frame([GpsFix(lat, lon)])
+    en = frame.to_crs(georef.fix_to_map(frame, [lat], [lon]))
+    np.testing.assert_allclose(georef.crs_to_lonlat(frame.crs_wkt, en), [[lon, lat]], atol=1e-8)
+    np.testing.assert_allclose(georef.crs_to_lonlat("EPSG:4326", [[lon, lat]]), [[lon, lat]], atol=1e-12)
+
+
+def test_points_that_a_crs_cannot_hold_are_told():
+    with pytest.raises(UsageError, match="no coordinate reference system"):
+        georef.crs_to_lonlat("EPSG:99999", [[0.0, 0.0]])
+    with pytest.raises(UsageError, match="made for"):
+        georef.crs_to_lonlat("EPSG:25832", [[500_000.0, 1_000_000.0]])  # Africa
+    with pytest.raises(UsageError, match="cannot hold the point"):
+        georef.crs_to_lonlat("EPSG:3035", [[9e8, 9e8]])

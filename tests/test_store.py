@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from photomap_gis.core.camera import Camera
+from photomap_gis.core.control import ControlPoint, Nudge, Sighting
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import Attitude, Flight, Footage, FrameRef, FrameStatus, GpsFix
 from photomap_gis.core.grid import MapFrame
@@ -13,6 +14,7 @@ from photomap_gis.core.measurement import Registration
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.store import (
+    ControlRecord,
     Mission,
     MissionHeader,
     PlacementRecord,
@@ -99,3 +101,17 @@ def test_another_layout_is_refused(tmp_path):
     path.write_text(path.read_text().replace('"schema": 1', '"schema": 99'))
     with pytest.raises(DataError, match="layout 99"):
         Mission.open(tmp_path)
+
+
+def test_ground_control_comes_back_and_damage_is_told(tmp_path):
+    sightings = (Sighting("100/A.JPG", (3.5, 4.0), 0.5), Sighting("#12", (1.0, 2.0)))
+    point = ControlPoint("P1", "EPSG:25832", 5e5, 5.7e6, None, 0.02, sightings)
+    control = ControlRecord((point,), "gcp_list.txt", ("every-third",), (point,), (Nudge(1.0, -2.0, 3.0, 51.0, 7.0),))
+    with Mission.create(tmp_path, HEADER, FOOTAGE) as mission:
+        assert mission.load_control() == ControlRecord()
+        mission.save_control(control, "EPSG:25832\n...")
+    assert Mission.open(tmp_path).load_control() == control
+    assert (tmp_path / "control-points.txt").read_text() == "EPSG:25832\n..."
+    (tmp_path / "control.json").write_text("{")
+    with pytest.raises(DataError, match=r"control\.json is damaged"):
+        Mission.open(tmp_path).load_control()

@@ -8,9 +8,15 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from photomap_gis.core.camera import PlaneView
+from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.frame import FrameStatus
+from photomap_gis.core.ground import HeightField
 from photomap_gis.core.similarity import FloatArray, Similarity2D, transform_jacobian
+
+MIN_DOWN = 1e-3
+"""Rays that look down less than this share of their length do not meet the ground near."""
+GROUND_STEPS = 6
+"""A ray meets the ground by repeated looks at its height: each makes the error smaller by slope times ray's lean."""
 
 
 class CameraToMap(Protocol):
@@ -61,10 +67,83 @@ class PlanePlacement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PosedPlacement:
+    """A camera in space over the ground: where it was, how it was turned, and what it stood over.
+
+    ``centre_map`` ``(3,)`` is x, y and the height **up** over the ground's middle level, in map units. ``R_map_camera``
+    ``(3, 3)`` takes camera axes (x image right, y image down, z optical axis) into x east, y south, z **down**. A pose
+    covariance is ``(6, 6)``: of ``(dx, dy, dz)`` of the centre (z down) and of a turn vector (radians) about the same
+    axes: ``R_true = Exp(turn) R``.
+    """
+
+    camera: Camera
+    centre_map: FloatArray
+    R_map_camera: FloatArray
+    ground: HeightField
+
+    def project(self, xy_px: npt.ArrayLike) -> FloatArray:
+        """Map ``(N, 2)`` pixels to the map; NaN where a pixel does not see the ground."""
+        rays = self._rays(xy_px)
+        x, y, up = self.centre_map
+        slope = rays[..., :2] / np.where(rays[..., 2:] > MIN_DOWN, rays[..., 2:], np.nan)
+        height = np.zeros(slope.shape[:-1])
+        if self.ground.is_level:
+            return np.asarray([x, y] + slope * (up - float(self.ground.up[0, 0])), np.float64)
+        for _ in range(GROUND_STEPS):
+            height = self.ground.at([x, y] + slope * (up - height)[..., None])
+        return np.asarray([x, y] + slope * (up - height)[..., None], np.float64)
+
+    def unproject(self, xy_map_m: npt.ArrayLike) -> FloatArray:
+        """Map ``(N, 2)`` map points to pixels; NaN behind the camera or beyond the lens's fold."""
+        xy = np.asarray(xy_map_m, dtype=np.float64)
+        x, y, up = self.centre_map
+        below = np.concatenate([xy - [x, y], (up - self.ground.at(xy))[..., None]], axis=-1)
+        rays = below @ self.R_map_camera
+        n = rays[..., :2] / np.where(rays[..., 2:] > 1e-9, rays[..., 2:], np.nan)
+        if self.camera.is_distorted:
+            r2 = np.sum(n * n, axis=-1, keepdims=True)
+            n = np.where(r2 < self.camera.fold_radius**2, n, np.nan)
+        return np.asarray(self.camera.distort(n) * self._focal + self.camera.principal_xy_px, np.float64)
+
+    def jacobian(self, xy_px: npt.ArrayLike) -> FloatArray:
+        """``(N, 2, 2)`` derivative of ``project`` by the pixel, by central differences over one pixel."""
+        p = np.atleast_2d(np.asarray(xy_px, dtype=np.float64))
+        columns = [self.project(p + h) - self.project(p - h) for h in ((0.5, 0.0), (0.0, 0.5))]
+        return np.stack(columns, axis=-1)
+
+    def position_covariance(self, xy_px: npt.ArrayLike, pose_covariance: FloatArray) -> FloatArray:
+        """``(N, 2, 2)`` covariance in square metres of the map positions of ``(N, 2)`` pixels, the ground's in it."""
+        p = np.atleast_2d(np.asarray(xy_px, dtype=np.float64))
+        ray = self._rays(p)
+        ray = ray / np.where(ray[..., 2:] > MIN_DOWN, ray[..., 2:], np.nan)
+        depth = self.centre_map[2] - self.ground.at(self.project(p))
+        j = np.zeros((len(p), 2, 6))
+        j[:, 0, 0] = j[:, 1, 1] = 1.0
+        j[:, :, 2] = -ray[:, :2]
+        for k in range(3):  # a turn moves the ray, and where it then meets the level below
+            turned = np.cross(np.eye(3)[k], ray)
+            j[:, :, 3 + k] = depth[:, None] * (turned[:, :2] - ray[:, :2] * turned[:, 2:])
+        leaning = ray[:, :2, None] * ray[:, None, :2]
+        return np.einsum("nij,jk,nlk->nil", j, pose_covariance, j) + leaning * self.ground.sigma**2
+
+    @property
+    def _focal(self) -> float:
+        if self.camera.focal_px is None:
+            raise ValueError("a camera without a focal length has no pose in space")
+        return self.camera.focal_px
+
+    def _rays(self, xy_px: npt.ArrayLike) -> FloatArray:
+        """``(N, 3)`` where pixels look to, x east, y south, z down."""
+        p = np.asarray(xy_px, dtype=np.float64) - self.camera.principal_xy_px
+        n = self.camera.undistort(p / self._focal)
+        return np.asarray(np.concatenate([n, np.ones((*n.shape[:-1], 1))], axis=-1) @ self.R_map_camera.T, np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FramePlacement:
     """Where one frame lies on the map, and how sure that is.
 
-    ``pose_covariance`` is ``(4, 4)`` in the solver's tangent space; ``camera_to_map`` knows how to carry it to a pixel.
+    ``pose_covariance`` is in the tangent space of its model; ``camera_to_map`` knows how to carry it to a pixel.
     """
 
     frame: int

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photomap_gis.core.measurement import TiePoints
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.ifmi.align import WHOLE, align, outlying
 from photomap_gis.ifmi.blocks import BlockMotion, block_motion
-from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, visible
+from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, project, visible
 from photomap_gis.ifmi.spectrum import Spectrum
 from photomap_gis.ifmi.tiles import TilePulses, tile_pulses
 from photomap_gis.ifmi.uncertainty import Spread
@@ -67,6 +68,7 @@ class Measured:
     correlation: float
     H_a_b: FloatArray
     spread: Spread | None = None
+    ties: TiePoints | None = None
 
 
 def follow(a: Spectrum, b: Spectrum, T_a_b: Similarity2D, snr: float) -> Lead:
@@ -143,6 +145,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     coarsest = a.spectral if outliers > SEARCHED_OUTLIERS else None
     motion = block_motion(a.floors, b.floors, G, coarsest=coarsest, attenuation=attenuation)
     field = _field_of(motion)
+    ties = _ties_of(motion, G, b)
     blocks = int(motion.visible.sum())
     if field is not None:
         G = G @ field_matrix(field.theta)
@@ -176,16 +179,41 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
         overlap=overlap,
         correlation=correlation,
         H_a_b=homography_of(G, b),
+        ties=ties,
     )
+
+
+def _ties_of(motion: BlockMotion, G: FloatArray, b: Spectrum) -> TiePoints:
+    """Return b's blocks that were solved, where they were found in a."""
+    use = np.flatnonzero(motion.solved)
+    q = motion.centre[use]
+    xx, xy, yy = _trusted_noise(motion, use)
+    # carried to a by the motion's linear part at the frame's centre: covariances need no better
+    p, r, s, t = G[:2, :2].ravel() / G[2, 2]
+    covariance = np.stack(
+        [
+            p * p * xx + 2.0 * p * r * xy + r * r * yy,
+            p * s * xx + (p * t + r * s) * xy + r * t * yy,
+            s * s * xx + 2.0 * s * t * xy + t * t * yy,
+        ],
+        axis=1,
+    )
+    xy_a = project(G, q + motion.displacement[use])
+    return TiePoints(xy_a, Frame(*b.size_px).T_b_q.apply(q), covariance, use)
+
+
+def _trusted_noise(motion: BlockMotion, use: np.ndarray) -> FloatArray:
+    """``(3, K)`` elements xx, xy and yy of the covariances of some blocks as they are to be believed."""
+    noise = motion.noise[:, use] * (BLOCK_NOISE + BLOCK_NOISE_DECORRELATED * (1.0 - motion.correlation[use]))
+    noise[::2] += LEAST_VARIANCE
+    return noise
 
 
 def _field_of(motion: BlockMotion) -> Field | None:
     use = motion.solved
     if int(use.sum()) < FEWEST_BLOCKS:
         return None
-    noise = motion.noise[:, use] * (BLOCK_NOISE + BLOCK_NOISE_DECORRELATED * (1.0 - motion.correlation[use]))
-    noise[::2] += LEAST_VARIANCE
-    return fit_field(motion.centre[use], motion.displacement[use], noise)
+    return fit_field(motion.centre[use], motion.displacement[use], _trusted_noise(motion, use))
 
 
 def _overlap(a: Spectrum, b: Spectrum, G: FloatArray, share: float, frame: Frame) -> float:

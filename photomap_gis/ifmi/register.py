@@ -78,6 +78,7 @@ def register_images(
         model_sigma_px=r.model_sigma_px * k,
         size_b_px=(b.shape[1], b.shape[0]),
         alternatives=tuple(carried(T) for T in r.alternatives),
+        ties=None if r.ties is None else r.ties.carried(T_a_worka, T_b_workb),
         H_a_b=None if r.H_a_b is None else T_a_worka.matrix @ r.H_a_b @ T_b_workb.inverse().matrix,
     )
 
@@ -107,6 +108,7 @@ def _registered(
         a=a.index,
         b=b.index,
         H_a_b=measured.H_a_b,
+        ties=measured.ties,
     )
 
 

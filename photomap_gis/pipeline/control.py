@@ -16,7 +16,8 @@ from photomap_gis.core.control import ControlPoint, Nudge, Sighting, check_names
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import FrameRef, GpsFix
 from photomap_gis.core.grid import MapFrame
-from photomap_gis.core.placement import PlanePlacement
+from photomap_gis.core.ground import HeightField
+from photomap_gis.core.placement import PlanePlacement, PosedPlacement
 from photomap_gis.core.posegraph import PointObservation, Trajectory
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.georef import UNKNOWN_TILT_RAD, choose_map_frame, crs_to_lonlat, fix_to_map
@@ -237,13 +238,43 @@ def nudge_motion(nudges: Sequence[Nudge], map_frame: MapFrame) -> Similarity2D:
 
 
 def moved(trajectory: Trajectory, motion: Similarity2D) -> Trajectory:
-    """Return the trajectory with every frame moved by a motion of the map; covariances are of planes and stay."""
+    """Return the trajectory with every frame, and the ground below, moved by a motion of the map."""
+    grounds: dict[int, HeightField] = {}  # the frames share one
     out = []
     for p in trajectory.placements:
-        assert isinstance(p.camera_to_map, PlanePlacement)
-        view, T = p.camera_to_map.view, p.camera_to_map.T_map_plane
-        out.append(replace(p, camera_to_map=PlanePlacement(view, motion @ T)))
+        where = p.camera_to_map
+        if isinstance(where, PlanePlacement):  # its covariance is in the axes of the plane, and stays
+            out.append(replace(p, camera_to_map=PlanePlacement(where.view, motion @ where.T_map_plane)))
+            continue
+        assert isinstance(where, PosedPlacement)
+        if id(where.ground) not in grounds:
+            grounds[id(where.ground)] = _moved_ground(where.ground, motion)
+        ground = grounds[id(where.ground)]
+        turn = np.eye(3)
+        turn[:2, :2] = motion.linear / motion.scale
+        x, y = motion.apply(where.centre_map[:2])
+        centre = np.array([x, y, where.centre_map[2] * motion.scale])
+        axes = np.zeros((6, 6))
+        axes[:3, :3], axes[3:, 3:] = turn * motion.scale, turn
+        posed = PosedPlacement(where.camera, centre, turn @ where.R_map_camera, ground)
+        out.append(replace(p, camera_to_map=posed, pose_covariance=axes @ p.pose_covariance @ axes.T))
     return Trajectory(tuple(out), trajectory.revision)
+
+
+def _moved_ground(ground: HeightField, motion: Similarity2D) -> HeightField:
+    """Return the ground moved with the map: the lattice shifted, or a new one where the map turns."""
+    sigma = ground.sigma * motion.scale
+    if motion.angle_rad == 0.0 or ground.is_level:
+        x, y = motion.apply(np.array(ground.origin_xy))
+        return HeightField((float(x), float(y)), ground.cell * motion.scale, ground.up * motion.scale, sigma)
+    rows, columns = ground.up.shape
+    corners = np.array([[0, 0], [columns - 1, 0], [0, rows - 1], [columns - 1, rows - 1]]) * ground.cell
+    reached = motion.apply(corners + ground.origin_xy)
+    cell, low = ground.cell * motion.scale, reached.min(axis=0)
+    columns, rows = (np.ceil((reached.max(axis=0) - low) / cell).astype(int) + 1).tolist()
+    x, y = np.meshgrid(low[0] + cell * np.arange(columns), low[1] + cell * np.arange(rows))
+    up = ground.at(motion.inverse().apply(np.stack([x, y], axis=-1))) * motion.scale
+    return HeightField((float(low[0]), float(low[1])), cell, up, sigma)
 
 
 def _lonlat(points: Sequence[ControlPoint], source: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

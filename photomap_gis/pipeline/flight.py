@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from photomap_gis.core.camera import PlaneView
+from photomap_gis.core.frame import FrameRef
+from photomap_gis.core.posegraph import PointKind
 from photomap_gis.georef import plane_view
-from photomap_gis.pipeline.control import ControlRequest, keep_control, place_map, read_request
+from photomap_gis.pipeline.control import (
+    ControlRequest,
+    judge_points,
+    keep_control,
+    moved,
+    nudge_motion,
+    place_map,
+    read_request,
+    words_on,
+)
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
+from photomap_gis.pipeline.in_space import solve_in_space
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
@@ -90,7 +104,35 @@ def map_flight(
                 mission, solved, solve, [Path(r) for r in settings.references],
                 sigma_m=settings.reference_sigma_m, on_progress=on_progress,
             )  # fmt: skip
+        with clock("solve"):
+            solved = settle(mission, frames, views, measurements, solved)
         return finish(mission, solved, measurements, settings, clock, on_progress)
+
+
+def settle(
+    mission: Mission,
+    frames: Sequence[FrameRef],
+    views: Mapping[int, PlaneView],
+    measurements: Measurements,
+    solved: Solved,
+) -> Solved:
+    """Return the last solution posed in space, corrected by hand, and with what its known points make of it.
+
+    The full solution knows nothing of control points and imagery: where they hold the flat one, that stands.
+    """
+    aside = set(() if solved.solution is None else solved.solution.rejected_points)
+    if not any(not p.check and k not in aside for k, p in enumerate(solved.points)):
+        solved = solve_in_space(frames, views, measurements, solved)
+    nudges = mission.load_control().nudges
+    if nudges and solved.georeferenced:
+        motion = nudge_motion(nudges, solved.map_frame)
+        solved = replace(solved, trajectory=moved(solved.trajectory, motion))
+    # Behind the control points lie the ties to imagery, which tell of themselves.
+    points = [p for p in solved.points if p.kind is PointKind.CONTROL]
+    aside = {k for k in aside if k < len(points)}
+    results = judge_points(points, aside, solved.trajectory)
+    words = words_on(results, points, sorted(aside), {f.index: f.name for f in frames})
+    return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 
 def finish(

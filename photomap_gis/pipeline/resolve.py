@@ -19,7 +19,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
 from photomap_gis.pipeline.control import ControlRequest, keep_control, place_map, read_request
-from photomap_gis.pipeline.flight import StageClock, finish
+from photomap_gis.pipeline.flight import StageClock, finish, settle
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import kept_settings
 from photomap_gis.pipeline.prepare import SpectrumShelf
@@ -131,6 +131,8 @@ def reference_mission(
             solved = solve()
         with clock("reference"):
             solved = take_references(mission, solved, solve, references, sigma_m=sigma_m, on_progress=on_progress)
+        with clock("solve"):
+            solved = settle(mission, frames, views, measurements, solved)
         return finish(mission, solved, measurements, settings, clock, on_progress)
 
 
@@ -155,6 +157,7 @@ def _solved_after(
             try:
                 place_map(mission, mission.load_control(), frames, settings.crs)
                 solved = solve_mission(mission, frames, views, measurements, settings)
+                solved = settle(mission, frames, views, measurements, solved)
                 if not solved.segment_numbers:
                     raise DataError("nothing could be placed by what was given; the mission is left as it was")
             except Exception:

@@ -12,19 +12,13 @@ from pydantic import TypeAdapter
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef, FrameStatus
 from photomap_gis.core.grid import MapFrame
-from photomap_gis.core.placement import FramePlacement, PlanePlacement
-from photomap_gis.core.posegraph import PointObservation, Trajectory
+from photomap_gis.core.ground import HeightField
+from photomap_gis.core.placement import CameraToMap, FramePlacement, PlanePlacement, PosedPlacement
+from photomap_gis.core.posegraph import PointObservation, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.export.crs import crs_label
 from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
-from photomap_gis.pipeline.control import (
-    ControlResult,
-    control_observations,
-    judge_points,
-    moved,
-    nudge_motion,
-    words_on,
-)
+from photomap_gis.pipeline.control import ControlResult, control_observations
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.pipeline.ties import reference_points, reference_warnings
@@ -41,8 +35,11 @@ from photomap_gis.slam import (
 )
 from photomap_gis.store import (
     ControlRecord,
+    GroundRecord,
+    LensRecord,
     Mission,
     PlacementRecord,
+    PosedRecord,
     PreparedFrame,
     RegistrationRecord,
     SolutionRecord,
@@ -55,7 +52,11 @@ PASTED = (FrameStatus.REGISTERED, FrameStatus.GPS_ONLY)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """One solution: what became of every frame, and where the placed ones lie."""
+    """One solution: what became of every frame, and where the placed ones lie.
+
+    ``solution`` is the flat one as the solver left it, ``None`` where it was read from the mission; ``lenses`` say what
+    the full solution found of them.
+    """
 
     frames: tuple[FrameRef, ...]
     map_frame: MapFrame
@@ -65,6 +66,9 @@ class Solved:
     fit_to_gps_rms_m: float | None = None
     predicted_ce90_m: float | None = None
     warnings: tuple[str, ...] = ()
+    solution: Solution | None = None
+    lenses: tuple[LensRecord, ...] = ()
+    points: tuple[PointObservation, ...] = ()
     control: tuple[ControlResult, ...] = ()
 
     @property
@@ -145,11 +149,15 @@ class Solved:
             p = placed.get(ref.index)
             if p is None:
                 return PlacementRecord(ref.index, status, reason)
-            assert isinstance(p.camera_to_map, PlanePlacement)
-            covariance = tuple(float(v) for v in p.pose_covariance.ravel())
-            view, T = p.camera_to_map.view, p.camera_to_map.T_map_plane
-            R = tuple(float(v) for v in view.R_level_camera.ravel())
-            return PlacementRecord(ref.index, status, reason, p.segment, p.method, T, covariance, R, view.ground_slope)
+            covariance, where = _row_by_row(p.pose_covariance), p.camera_to_map
+            common = (ref.index, status, reason, p.segment, p.method)
+            if isinstance(where, PosedPlacement):
+                lens = where.camera.focal_px or 0.0, where.camera.k1
+                centre, R = _row_by_row(where.centre_map), _row_by_row(where.R_map_camera)
+                return PlacementRecord(*common, covariance=covariance, posed=PosedRecord(centre, R, *lens))
+            assert isinstance(where, PlanePlacement)
+            view, R = where.view, _row_by_row(where.view.R_level_camera)
+            return PlacementRecord(*common, where.T_map_plane, covariance, R, view.ground_slope)
 
         summary = {
             "fit_to_gps_rms_m": self.fit_to_gps_rms_m,
@@ -157,7 +165,11 @@ class Solved:
             "warnings": list(self.warnings),
             "control": _RESULTS.dump_python(self.control, mode="json"),
         }
-        mission.save_solution(SolutionRecord(self.trajectory.revision, tuple(map(record, self.frames)), summary))
+        grounds = (p.camera_to_map.ground for p in placed.values() if isinstance(p.camera_to_map, PosedPlacement))
+        ground = next(grounds, None)
+        records = tuple(map(record, self.frames))
+        kept = None if ground is None else GroundRecord.of(ground)
+        mission.save_solution(SolutionRecord(self.trajectory.revision, records, summary, kept, self.lenses))
 
     @classmethod
     def load(cls, mission: Mission) -> Solved:
@@ -165,19 +177,20 @@ class Solved:
         kept = mission.load_solution()
         frames = tuple(mission.frames)
         refs = {f.index: f for f in frames}
+        ground = HeightField.level() if kept.ground is None else kept.ground.height_field
         placed = tuple(
             FramePlacement(
                 r.frame,
                 refs[r.frame].width_px,
                 refs[r.frame].height_px,
-                PlanePlacement(_kept_view(refs[r.frame], r), r.T_map_plane),
+                where,
                 r.covariance_matrix,
                 r.status,
                 r.segment or 0,
                 r.method,
             )
             for r in kept.placements
-            if r.T_map_plane is not None
+            if (where := _kept_place(refs[r.frame], r, ground)) is not None
         )
         return cls(
             frames,
@@ -188,7 +201,8 @@ class Solved:
             kept.summary.get("fit_to_gps_rms_m"),
             kept.summary.get("predicted_ce90_m"),
             tuple(kept.summary.get("warnings", ())),
-            _RESULTS.validate_python(kept.summary.get("control", ())),
+            lenses=kept.lenses,
+            control=_RESULTS.validate_python(kept.summary.get("control", ())),
         )
 
 
@@ -203,8 +217,8 @@ def solve_mission(
 ) -> Solved:
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
 
-    Without ``with_control`` ground control, existing imagery and corrections by hand are left out, and a map that only
-    they place stays relative.
+    Without ``with_control`` ground control and existing imagery are left out, and a map that only they place stays
+    relative.
     """
     prepared, map_frame = measurements.prepared, mission.header.map_frame
     if not with_control and all(f.fix is None for f in frames):
@@ -243,11 +257,6 @@ def solve_mission(
     solution = solve(graph)
     predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
-    if control.nudges and map_frame.crs_wkt is not None:
-        trajectory = moved(trajectory, nudge_motion(control.nudges, map_frame))
-    rejected = [k for k in solution.rejected_points if k < len(points)]  # behind them lie the ties to imagery
-    results = judge_points(points, rejected, trajectory)
-    aside = words_on(results, points, rejected, {f.index: f.name for f in usable})
     placed = {p.frame: p.status for p in trajectory.placements}
     statuses, reasons = {}, {}
     tie = "GPS" if graph.positions or map_frame.crs_wkt is None else "two control points in its piece"
@@ -277,10 +286,10 @@ def solve_mission(
             *_warnings(frames, map_frame),
             *_lag_warnings(mission, solution.fix_lags_s),
             *unused,
-            *aside,
             *reference_warnings(references),
         ),
-        results,
+        solution,
+        points=graph.points,
     )
 
 
@@ -312,6 +321,21 @@ def _settled_view(view: PlaneView, tilt_rad: tuple[float, float], slope: tuple[f
     if tilt_rad == FLAT and slope == FLAT:
         return view
     return replace(view, R_level_camera=level_from_tilt(tilt_rad) @ view.R_level_camera, ground_slope=slope)
+
+
+def _row_by_row(matrix: FloatArray) -> tuple[float, ...]:
+    return tuple(float(v) for v in matrix.ravel())
+
+
+def _kept_place(ref: FrameRef, record: PlacementRecord, ground: HeightField) -> CameraToMap | None:
+    """Return where a frame was placed, ``None`` where it was not."""
+    if record.T_map_plane is not None:
+        return PlanePlacement(_kept_view(ref, record), record.T_map_plane)
+    if record.posed is None:
+        return None
+    posed = record.posed
+    camera = replace(plane_view(ref).camera, focal_px=posed.focal_px, k1=posed.k1)
+    return PosedPlacement(camera, np.array(posed.centre), np.array(posed.R_map_camera).reshape(3, 3), ground)
 
 
 def _kept_view(ref: FrameRef, record: PlacementRecord) -> PlaneView:

@@ -7,16 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from photomap_gis.core.accuracy import predicted_sigma_m
+from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.control import ControlPoint, Sighting
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.grid import MapFrame
+from photomap_gis.core.ground import HeightField
+from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
+from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.georef import plane_view, resolve_crs
 from photomap_gis.pipeline import ControlRequest, Pick, export_mission, georeference, map_flight, solve_again
-from photomap_gis.pipeline.control import control_observations
+from photomap_gis.pipeline.control import control_observations, moved
 from photomap_gis.pipeline.deliver import Format
 from photomap_gis.pipeline.solve import Solved
 from photomap_gis.simulate import Truth
@@ -239,6 +246,33 @@ def test_pictures_are_found_by_name_path_or_index():
         found, words = control_observations(ControlRecord((point,)), frames, views, MapFrame(UTM), ())
         assert [o.frame for o in found] == ([] if index is None else [index]), image
         assert bool(words) == (index is None)
+
+
+@given(
+    angle=st.floats(-3.0, 3.0), shift=st.tuples(st.floats(-40, 40), st.floats(-40, 40)), px=st.floats(0.0, 199.0),
+)  # fmt: skip
+def test_a_moved_map_shows_everything_elsewhere_and_alike(angle, shift, px):
+    motion = Similarity2D(*shift, angle)
+    camera = Camera(200, 100, 180.0)
+    level = np.diag([4.0, 9.0, 1.0, 1e-4, 1e-4, 4e-4])
+    slope = HeightField((-60.0, -60.0), 10.0, np.add.outer(np.zeros(13), np.linspace(-2, 2, 13)), 0.1)
+    frames = [
+        FramePlacement(0, 200, 100, PlanePlacement(PlaneView.flat(camera), Similarity2D(3, 4, 0.2, -2)), np.eye(4)),
+        FramePlacement(
+            1, 200, 100, PosedPlacement(camera, np.array([2.0, 1.0, 50.0]), np.eye(3), HeightField.level(0.2)), level
+        ),
+        FramePlacement(2, 200, 100, PosedPlacement(camera, np.array([2.0, 1.0, 50.0]), np.eye(3), slope), level),
+    ]
+    turn = motion.linear
+    there = moved(Trajectory(tuple(frames), 4), motion)
+    assert there.revision == 4
+    for before, after, close in zip(frames, there.placements, (1e-9, 1e-9, 0.05), strict=True):
+        at = [[px, 40.0]]
+        np.testing.assert_allclose(
+            after.camera_to_map.project(at), motion.apply(before.camera_to_map.project(at)), atol=close
+        )
+        expected = turn @ before.position_covariance_m2(at)[0] @ turn.T
+        np.testing.assert_allclose(after.position_covariance_m2(at)[0], expected, atol=max(close, 1e-6) * 2)
 
 
 def test_one_point_alone_places_nothing_and_says_so(flown, tmp_path):

@@ -13,7 +13,7 @@ from photomap_gis.ifmi.frames.traits import Traits
 CONSTANT = -20.9
 OF_SHARPNESS, OF_LOSS, OF_DETAIL = -5.1, -3.5, -3.3
 SURE = 7.0
-LIKELY, DOUBTFUL = 1.0, 2.5
+LIKELY, DOUBTFUL = 1.0, 2.3
 
 
 def blur_score(traits: Traits, before: Traits) -> float:

@@ -14,8 +14,8 @@ STALE_SHARE = 0.006
 """A place that shows the predecessor's own pixels counts as a lost block from this share of the frame."""
 GHOST_SHARE = 0.3
 DRAWN_SHARE, MOST_DRAWN = 0.08, 0.12
-WIDE_BASE = 0.75
-"""Below this overlap trees and walls look so different that only large places count."""
+NEAR_BASE, WIDE_BASE = 0.78, 0.55
+"""From the first overlap down trees and walls look different; below the second so much that only large places count."""
 NAMED_SHARE, NAMED_SHARE_WIDE = 0.012, 0.06
 SCATTERED_SHARE = 0.035
 """Small places that do not fit, all together: more than cars and leaves account for."""
@@ -63,11 +63,9 @@ def understand(fit: Fit, doubt: float = 0.0) -> Misfit:
 def _fault(made: Mask8, stale: Mask8, loose: Mask8, fit: Fit, trust: float) -> Fault | None:
     if _is_torn(made, fit.seen):
         return Fault.TORN
-    named, scattered = (
-        (NAMED_SHARE, SCATTERED_SHARE)
-        if fit.overlap > WIDE_BASE
-        else (NAMED_SHARE_WIDE, SCATTERED_SHARE_WIDE * fit.overlap)
-    )
+    wide = min(max((NEAR_BASE - fit.overlap) / (NEAR_BASE - WIDE_BASE), 0.0), 1.0)
+    named = NAMED_SHARE + wide * (NAMED_SHARE_WIDE - NAMED_SHARE)
+    scattered = SCATTERED_SHARE + wide * (SCATTERED_SHARE_WIDE * fit.overlap - SCATTERED_SHARE)
     if float(made.mean()) > named * trust:
         return _name(made, stale)
     if float(stale.mean()) > named * trust:

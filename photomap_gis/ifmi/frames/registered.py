@@ -28,14 +28,16 @@ MASKED_SHARE = 0.01
 MOST_LOST = 0.45
 """Share of what both frames saw above which it is not sure any more which part is right."""
 BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
-BELIEVED_UNREGISTERED = 0.7
+BELIEVED_UNREGISTERED = 0.5
 """A predecessor of other ground tells little of what is usual, so more doubt is asked for where nothing registers."""
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
-SEAM_ROWS, SEAM_RATIO, SEAM_OVER_USUAL = 20, 1.1, 1.05
+SEAM_ROWS, SEAM_RATIO, SEAM_OVER_USUAL = 20, 1.03, 1.05
+OBVIOUS_SEAM, ORDINARY_CUT = 5.0, 2.0
+"""A cut so much sharper than anything the predecessor shows, where that ends, is the end of a picture."""
 
 
 def judge_registered(
@@ -94,7 +96,10 @@ def _is_wrapped(look: FrameLook, before: FrameLook, found: Fit, H_a_b: FloatArra
             continue
         sign = 1.0 if lines[0] else -1.0
         shift = np.array([[1.0, 0.0, sign * dx], [0.0, 1.0, sign * dy], [0.0, 0.0, 1.0]])
-        if not _has_seam(look.fine, axis, lines):
+        seam = _seam(look.fine, axis, lines)
+        if seam > OBVIOUS_SEAM and _cuts(before.fine, axis).max(initial=0.0) < ORDINARY_CUT:
+            return True
+        if seam < SEAM_RATIO:
             continue
         other = fit(look, before, np.asarray(H_a_b @ shift, np.float64))
         if other.agreement > WRAPPED_AGREEMENT and other.overlap > WRAPPED_COVER * float(unseen.mean()):
@@ -102,13 +107,22 @@ def _is_wrapped(look: FrameLook, before: FrameLook, found: Fit, H_a_b: FloatArra
     return False
 
 
-def _has_seam(fine: ImageArray, axis: int, unseen: npt.NDArray[np.bool_]) -> bool:
-    """Tell whether the picture is cut where the part that was not seen begins: ground that repeats itself is not."""
-    ratio = cut_ratio(fine if axis == 0 else np.ascontiguousarray(fine.T))
+def _seam(fine: ImageArray, axis: int, unseen: npt.NDArray[np.bool_]) -> float:
+    """Return how sharply the picture is cut near what was not seen, 0 where it is cut as sharply elsewhere.
+
+    Ground that repeats itself fits a frame's height off, too, but is not cut there.
+    """
+    ratio = _cuts(fine, axis)
     if not len(ratio):
-        return False
+        return 0.0
     # the camera moved besides: the cut may lie anywhere in what was not seen
     rows = cv2.resize(unseen.astype(np.uint8)[:, None], (1, len(ratio)), interpolation=cv2.INTER_NEAREST)
     near = cv2.dilate(rows, np.ones((2 * SEAM_ROWS + 1, 1), np.uint8))[:, 0] > 0
     usual = float(ratio[~near].max(initial=0.0))  # furrows along the axis cut it everywhere
-    return bool(ratio[near].max(initial=0.0) > max(SEAM_RATIO, SEAM_OVER_USUAL * usual))
+    sharpest = float(ratio[near].max(initial=0.0))
+    return sharpest if sharpest > SEAM_OVER_USUAL * usual else 0.0
+
+
+def _cuts(fine: ImageArray, axis: int) -> npt.NDArray[np.float32]:
+    """Return how sharply each row (axis 0) or column (axis 1) is cut off from the next."""
+    return cut_ratio(fine if axis == 0 else np.ascontiguousarray(fine.T))

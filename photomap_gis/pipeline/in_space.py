@@ -1,0 +1,198 @@
+"""From the flat solution to the full one: cameras posed in space over the ground, where ties and lenses allow it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photomap_gis.core.camera import Camera, PlaneView
+from photomap_gis.core.frame import FrameRef, level_rotation
+from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
+from photomap_gis.core.posegraph import PositionObservation, Trajectory
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
+from photomap_gis.ifmi.template import GRID
+from photomap_gis.pipeline.measure import Measurements
+from photomap_gis.pipeline.solve import Solved
+from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, TieSet, View, bundle_adjust
+from photomap_gis.slam.bundle.fixes import fix_information
+from photomap_gis.slam.lag import without_lag
+from photomap_gis.slam.place import GPS_METHOD
+from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
+
+logger = logging.getLogger(__name__)
+
+FEWEST_FRAMES = 3
+MOST_FRAMES = 1200
+"""The system is dense: beyond this it would no longer fit an ordinary laptop."""
+MOST_TIES = 150_000
+UNKNOWN_TILT_RAD = 0.07
+"""A camera that does not say how it leans looks down to within some four degrees."""
+MIN_TIE_SIGMA_WORK_PX = 0.03
+SPOT_STEP = 1 << 20
+K1_SIGMA = 0.03
+KNOWN_K1_SIGMA = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Start:
+    """A frame as the flat solution has it."""
+
+    ref: FrameRef
+    camera: Camera
+    placement: FramePlacement
+    view: View
+
+
+def solve_in_space(
+    frames: Sequence[FrameRef], views: Mapping[int, PlaneView], measurements: Measurements, solved: Solved
+) -> Solved:
+    """Return the solution with its registered frames posed in space; as it was where that cannot be told.
+
+    ``views`` are those that the frames were registered through.
+    """
+    starts = _starts({f.index: f for f in frames}, solved)
+    records = [r for r in measurements.accepted if r.ties is not None and r.a in starts and r.b in starts]
+    order = sorted({f for r in records for f in (r.a, r.b)})
+    if not FEWEST_FRAMES <= len(order) <= MOST_FRAMES:
+        return solved
+    node = {f: k for k, f in enumerate(order)}
+    ties = _tie_set(records, node, views, measurements.prepared)
+    fixes: tuple[PositionObservation, ...] = ()
+    if solved.georeferenced:
+        fixes = observe([starts[f].ref for f in order], solved.map_frame, of_cameras=True).positions
+        if solved.solution is not None:
+            fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
+    problem = _problem([starts[f] for f in order], node, ties, fixes)
+    try:
+        bundle = bundle_adjust(problem)
+    except np.linalg.LinAlgError as error:
+        logger.warning("cameras could not be posed in space (%s): the flat solution stands", error)
+        return solved
+    logger.info("ties off by %.3f px before, %.3f px after", bundle.rms_before_px, bundle.rms_px)
+    if not bundle.rms_px < bundle.rms_before_px:
+        return solved
+    return _posed(solved, bundle, problem, node)
+
+
+def _starts(refs: Mapping[int, FrameRef], solved: Solved) -> dict[int, _Start]:
+    """Return the frames that have a focal length and hang on registrations, as views in space."""
+    lenses: dict[Camera, int] = {}
+    pressed = [p for p in solved.trajectory.placements if p.method != GPS_METHOD]
+    told = Counter(refs[p.frame].flight for p in pressed if refs[p.frame].height_m is not None)
+    out = {}
+    for p in pressed:
+        ref, where = refs[p.frame], p.camera_to_map
+        if not isinstance(where, PlanePlacement) or where.view.camera.focal_px is None:
+            continue
+        camera, T, focal = where.view.camera, where.T_map_plane, where.view.camera.focal_px
+        lens = lenses.setdefault(camera, len(lenses))
+        heading = _about_down(T.angle_rad)
+        prior, tilt = heading, UNKNOWN_TILT_RAD
+        if ref.attitude is not None:
+            prior, tilt = heading @ level_rotation(ref.attitude.R_ned_camera), ref.attitude.sigma_tilt_rad
+        height, sigma = np.nan, np.nan
+        if solved.georeferenced and ref.height_m is not None and ref.height_m >= MIN_HEIGHT_M:
+            # a flight's heights share one error: take-off is not the ground below
+            height = ref.height_m
+            sigma = float(np.hypot(HEIGHT_SIGMA_REL * height, HEIGHT_SIGMA_M) * np.sqrt(told[ref.flight]))
+        centre = np.array([T.tx, T.ty, -T.scale * focal])
+        R = heading @ where.view.R_level_camera
+        view = View(ref.index, lens, centre, R, prior, tilt, height=height, height_sigma=sigma)
+        out[ref.index] = _Start(ref, camera, p, view)
+    return out
+
+
+def _problem(
+    starts: Sequence[_Start],
+    node: Mapping[int, int],
+    ties: TieSet,
+    fixes: Sequence[PositionObservation],
+) -> BundleProblem:
+    views = tuple(s.view for s in starts)
+    lenses: dict[int, Lens] = {}
+    for s in starts:
+        camera = s.camera
+        k1_sigma = KNOWN_K1_SIGMA if camera.is_distorted else K1_SIGMA
+        lenses.setdefault(s.view.lens, Lens(camera, max(camera.focal_sigma_rel, 1e-4), k1_sigma))
+    number = {lens: k for k, lens in enumerate(sorted(lenses))}
+    views = tuple(replace(v, lens=number[v.lens]) for v in views)
+    used = [o for o in fixes if o.frame in node]
+    fix_of = np.array([node[o.frame] for o in used], np.intp)
+    centres = np.array([v.centre[:2] for v in views])
+    information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
+    pieces = {s.placement.segment for s in starts}
+    fixed = {starts[k].placement.segment for k in fix_of.tolist()}
+    held = [next(k for k, s in enumerate(starts) if s.placement.segment == piece) for piece in sorted(pieces - fixed)]
+    return BundleProblem(
+        views,
+        tuple(lenses[k] for k in sorted(lenses)),
+        ties,
+        fix_of,
+        np.array([o.xy_map_m for o in used]).reshape(-1, 2),
+        information,
+        np.array(held, np.intp),
+    )
+
+
+def _tie_set(
+    records: Sequence[RegistrationRecord],
+    node: Mapping[int, int],
+    views: Mapping[int, PlaneView],
+    prepared: Mapping[int, PreparedFrame],
+) -> TieSet:
+    """Return all ties in raster pixels, anchor by anchor; of very many, the same part of the places of every frame."""
+    total = sum(len(r.registration.ties or ()) for r in records)
+    stride = max(1, math.ceil(total / MOST_TIES))
+    parts = []
+    for r in sorted(records, key=lambda r: (node[r.b], node[r.a])):
+        ties = r.registration.ties
+        if ties is None:
+            continue
+        use = (ties.place // GRID + 2 * (ties.place % GRID)) % stride == 0
+        xy_a = views[r.a].to_pixel(prepared[r.a].T_plane_work.apply(ties.xy_a_px[use]))
+        xy_b = views[r.b].to_pixel(prepared[r.b].T_plane_work.apply(ties.xy_b_px[use]))
+        zoom = prepared[r.a].T_plane_work.scale
+        xx, xy, yy = ties.covariance_a_px2[use].T * zoom**2
+        covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
+        covariance += (MIN_TIE_SIGMA_WORK_PX * zoom) ** 2 * np.eye(2)
+        finite = np.isfinite(xy_a).all(axis=1) & np.isfinite(xy_b).all(axis=1)
+        a, b = np.full(finite.sum(), node[r.a]), np.full(finite.sum(), node[r.b])
+        parts.append((a, b, xy_a[finite], xy_b[finite], covariance[finite], ties.place[use][finite]))
+    a, b, xy_a, xy_b, covariance, place = (np.concatenate(column) for column in zip(*parts, strict=True))
+    spot = np.unique(b * SPOT_STEP + place, return_inverse=True)[1]
+    return TieSet(a.astype(np.intp), b.astype(np.intp), xy_a, xy_b, covariance, spot.astype(np.intp))
+
+
+def _posed(solved: Solved, bundle: Bundle, problem: BundleProblem, node: Mapping[int, int]) -> Solved:
+    placements = []
+    for p in solved.trajectory.placements:
+        k = node.get(p.frame)
+        if k is None:
+            placements.append(p)
+            continue
+        x, y, z = bundle.centre[k]
+        camera = bundle.lenses[problem.views[k].lens].camera
+        where = PosedPlacement(camera, np.array([x, y, -z]), bundle.R_map_camera[k], bundle.ground)
+        placements.append(replace(p, camera_to_map=where, pose_covariance=bundle.covariance[k]))
+    trajectory = Trajectory(tuple(placements), solved.trajectory.revision)
+    predicted = predicted_ce90_m(trajectory) if solved.georeferenced else None
+    lenses = tuple(
+        LensRecord(
+            found.camera.name, found.camera.focal_px or 0.0, lens.focal_px, found.focal_sigma_log, found.focal_observed,
+            found.camera.k1, lens.camera.k1, found.k1_sigma, found.k1_observed,
+        )
+        for found, lens in zip(bundle.lenses, problem.lenses, strict=True)
+    )  # fmt: skip
+    return replace(solved, trajectory=trajectory, predicted_ce90_m=predicted, lenses=lenses)
+
+
+def _about_down(angle_rad: float) -> FloatArray:
+    """``(3, 3)`` turn about the vertical, x towards y."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,230 @@
+"""The normal equations of the full solution, the spots' levels taken out of them.
+
+A spot hangs on one number, so taking it out is a division; what is left is a dense system of the views and lenses, six
+numbers a view. It is put together pair by pair and then anchor by anchor, which is how the ties lie.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg
+
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.slam.bundle.model import Linearised
+from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, IntArray, log_rotation
+
+HELD_SIGMA = 1e-4
+"""How firmly a held view's centre stays, as a share of its height, and its heading, in radians."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpotPrior:
+    """What is known of the spots' z beforehand: ``(P,)`` values and informations about a surface.
+
+    The surface itself may give: it is ``z + bends @ c`` with unknown ``c`` ``(K,)`` of zero mean and ``bend_sigma``
+    ``(K,)``. A surface that was found from the same ties is not known better than those tell it.
+    """
+
+    z: FloatArray
+    information: FloatArray
+    bends: FloatArray
+    bend_sigma: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduced:
+    """``H step = -g`` of views, lenses and the surface's bends, and how the spots follow: ``dz = -(g_z + V step) / A``.
+
+    ``V`` is kept anchor by anchor: for each, its spots, its columns, and the ``(spots, columns)`` block.
+    """
+
+    H: FloatArray
+    g: FloatArray
+    spot_information: FloatArray
+    spot_gradient: FloatArray
+    blocks: tuple[tuple[IntArray, IntArray, FloatArray], ...]
+
+    def spots_for(self, step: FloatArray) -> FloatArray:
+        """Return the spots' step ``(P,)`` that goes with one of views and lenses."""
+        pull = self.spot_gradient.copy()
+        for spots, columns, V in self.blocks:
+            pull[spots] += V @ step[columns]
+        return -pull / self.spot_information
+
+
+def reduced_equations(
+    problem: BundleProblem,
+    state: BundleState,
+    found: Linearised,
+    information: FloatArray,
+    prior: SpotPrior,
+    free_lens: np.ndarray,
+) -> Reduced:
+    """Return the equations at a state; ``information`` ``(M, 2, 2)`` of the ties, 0 for those put aside.
+
+    ``free_lens`` ``(L, 2)`` says which lens numbers may change.
+    """
+    t, n, lenses = problem.ties, len(problem.views), len(problem.lenses)
+    bends = prior.bends.shape[1]
+    size = 6 * n + 2 * lenses + bends
+    H, g = np.zeros((size, size)), np.zeros(size)
+    lens_of = problem.lens_of
+    W = np.where(found.valid[:, None, None], information, 0.0)
+    J = np.concatenate([found.by_a, found.by_b, found.by_lens_a, found.by_lens_b], axis=2)
+    WJ = W @ J
+    products = J.transpose(0, 2, 1) @ WJ
+    pulls = np.einsum("mij,mi->mj", WJ, found.residual)
+    first, pair_a, pair_b = _runs_of(t.a, t.b)
+    products, pulls = np.add.reduceat(products, first), np.add.reduceat(pulls, first)
+    columns = np.concatenate(
+        [
+            6 * pair_a[:, None] + np.arange(6),
+            6 * pair_b[:, None] + np.arange(6),
+            6 * n + 2 * lens_of[pair_a][:, None] + np.arange(2),
+            6 * n + 2 * lens_of[pair_b][:, None] + np.arange(2),
+        ],
+        axis=1,
+    )
+    for c, block, pull in zip(columns, products, pulls, strict=True):
+        np.add.at(H, (c[:, None], c[None, :]), block)
+        np.add.at(g, c, pull)
+    by_z = found.by_z
+    Wz = np.einsum("mij,mj->mi", W, by_z)
+    A = prior.information + np.bincount(t.spot, np.sum(Wz * by_z, axis=1), t.spots)
+    gz = (state.z - prior.z) * prior.information + np.bincount(t.spot, np.sum(Wz * found.residual, axis=1), t.spots)
+    JWz = np.einsum("mij,mi->mj", J, Wz)
+    blocks = []
+    for begin, end in _anchors_of(t.b):
+        spots, row = np.unique(t.spot[begin:end], return_inverse=True)
+        a = t.a[begin:end]
+        frames, at = np.unique(a, return_inverse=True)
+        own = 6 * len(frames)
+        V = np.zeros((len(spots), own + 6 + 2 * lenses + bends))
+        V[:, own + 6 + 2 * lenses :] = -prior.information[spots, None] * prior.bends[spots]
+        part = JWz[begin:end]
+        np.add.at(V, (row[:, None], 6 * at[:, None] + np.arange(6)), part[:, :6])
+        np.add.at(V, (row[:, None], own + np.arange(6)[None]), part[:, 6:12])
+        np.add.at(V, (row[:, None], own + 6 + 2 * lens_of[a][:, None] + np.arange(2)), part[:, 12:14])
+        b = int(t.b[begin])
+        np.add.at(V, (row[:, None], own + 6 + 2 * lens_of[b] + np.arange(2)[None]), part[:, 14:16])
+        column = np.concatenate(
+            [
+                (6 * frames[:, None] + np.arange(6)).ravel(),
+                6 * b + np.arange(6),
+                6 * n + np.arange(2 * lenses + bends),
+            ]
+        )
+        weighted = V / A[spots][:, None]
+        H[np.ix_(column, column)] -= V.T @ weighted
+        g[column] -= weighted.T @ gz[spots]
+        blocks.append((spots, column, V))
+    _add_priors(H, g, problem, state, free_lens)
+    if bends:
+        surface = slice(size - bends, size)
+        pull = prior.information * (state.z - prior.z)
+        H[surface, surface] += (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
+        g[surface] -= prior.bends.T @ pull
+    return Reduced(H, g, A, gz, tuple(blocks))
+
+
+def prior_cost(problem: BundleProblem, state: BundleState, prior: SpotPrior) -> float:
+    """Return the weighted squares of everything but the ties."""
+    off = state.z - prior.z
+    total = float(np.sum(prior.information * off**2))
+    if prior.bends.shape[1]:  # the surface gives as far as it likes
+        pull = prior.bends.T @ (prior.information * off)
+        stiff = (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
+        total -= float(pull @ np.linalg.solve(stiff, pull))
+    total += sum(float(p @ r @ p) for p, r in _turn_terms(problem, state))
+    height = np.array([v.height for v in problem.views])
+    sigma = np.array([v.height_sigma for v in problem.views])
+    told = np.isfinite(sigma)
+    total += float(np.sum(((-state.centre[told, 2] - height[told]) / sigma[told]) ** 2))
+    miss = state.centre[problem.fix_of, :2] - problem.fix_xy
+    total += float(np.einsum("ik,ij,jk->", miss, problem.fix_information, miss)) if len(miss) else 0.0
+    for k, lens in enumerate(problem.lenses):
+        total += float(((state.log_focal[k] - np.log(lens.focal_px)) / lens.focal_sigma_log) ** 2)
+        total += float(((state.k1[k] - lens.camera.k1) / lens.k1_sigma) ** 2)
+    return total
+
+
+def _add_priors(
+    H: FloatArray, g: FloatArray, problem: BundleProblem, state: BundleState, free_lens: np.ndarray
+) -> None:
+    n = len(problem.views)
+    for k, (turn, information) in enumerate(_turn_terms(problem, state)):
+        turns = slice(6 * k + 3, 6 * k + 6)
+        H[turns, turns] += information
+        g[turns] += information @ turn
+    for k, view in enumerate(problem.views):
+        if np.isfinite(view.height_sigma):
+            H[6 * k + 2, 6 * k + 2] += view.height_sigma**-2
+            g[6 * k + 2] += (state.centre[k, 2] + view.height) * view.height_sigma**-2
+    if len(problem.fix_of):
+        off = state.centre[problem.fix_of, :2] - problem.fix_xy
+        for axis in (0, 1):
+            fixed = 6 * problem.fix_of + axis
+            H[np.ix_(fixed, fixed)] += problem.fix_information
+            g[fixed] += problem.fix_information @ off[:, axis]
+    for k in problem.held.tolist():
+        start = problem.views[k]
+        firm = (HELD_SIGMA * max(abs(float(start.centre[2])), 1e-6)) ** -2
+        for axis in range(3):
+            H[6 * k + axis, 6 * k + axis] += firm
+            g[6 * k + axis] += firm * (state.centre[k, axis] - start.centre[axis])
+        turn = log_rotation((state.R[k] @ start.R_map_camera.T)[None])[0, 2]
+        H[6 * k + 5, 6 * k + 5] += HELD_SIGMA**-2
+        g[6 * k + 5] += HELD_SIGMA**-2 * turn
+    for k, lens in enumerate(problem.lenses):
+        misses = (state.log_focal[k] - np.log(lens.focal_px), state.k1[k] - lens.camera.k1)
+        for part, (sigma, miss) in enumerate(zip((lens.focal_sigma_log, lens.k1_sigma), misses, strict=True)):
+            row = 6 * n + 2 * k + part
+            if free_lens[k, part]:
+                H[row, row] += sigma**-2
+                g[row] += miss * sigma**-2
+            else:
+                H[row, :], H[:, row], g[row] = 0.0, 0.0, 0.0
+                H[row, row] = 1.0
+
+
+def _turn_terms(problem: BundleProblem, state: BundleState) -> list[tuple[FloatArray, FloatArray]]:
+    """Return each view's turn from what was reported ``(3,)`` and that report's information ``(3, 3)``."""
+    turn = log_rotation(state.R @ np.array([v.R_prior for v in problem.views]).transpose(0, 2, 1))
+    sigma = np.array([(v.tilt_sigma_rad, v.tilt_sigma_rad, v.heading_sigma_rad) for v in problem.views])
+    return [(w, np.diag(s**-2.0)) for w, s in zip(turn, sigma, strict=True)]
+
+
+def _runs_of(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return where each pair's ties begin, and the pairs."""
+    new = np.ones(len(a), bool)
+    new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0)
+    first = np.flatnonzero(new)
+    return first, a[first], b[first]
+
+
+def _anchors_of(b: IntArray) -> list[tuple[int, int]]:
+    """Return where each anchor's ties begin and end."""
+    bounds = [0, *(np.flatnonzero(np.diff(b)) + 1).tolist(), len(b)]
+    return [(i, j) for i, j in pairwise(bounds) if j > i]
+
+
+def solve_spd(H: FloatArray, g: FloatArray) -> FloatArray:
+    """Return ``-H^-1 g``; raise ``numpy.linalg.LinAlgError`` where H is not positive definite."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    factor = linalg.cho_factor(H * scale[:, None] * scale[None, :], lower=True, overwrite_a=True, check_finite=False)
+    return np.asarray(-scale * linalg.cho_solve(factor, scale * g, check_finite=False), np.float64)
+
+
+def inverse_spd(H: FloatArray) -> FloatArray:
+    """Return the inverse of a positive definite matrix."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    factor, _ = linalg.lapack.dpotrf(H * scale[:, None] * scale[None, :], lower=1, overwrite_a=1)
+    inverse, failed = linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+    if failed:
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    lower = np.tril(inverse)
+    whole = lower + np.tril(lower, -1).T
+    return np.asarray(whole * scale[:, None] * scale[None, :], np.float64)

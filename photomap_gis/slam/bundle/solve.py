@@ -1,0 +1,248 @@
+"""The full solution: Gauss-Newton over all views, the lens and the spots, the ground renewed in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from photomap_gis.core.camera import Camera
+from photomap_gis.core.ground import HeightField
+from photomap_gis.core.similarity import FloatArray
+from photomap_gis.slam.bundle.equations import (
+    Reduced,
+    SpotPrior,
+    inverse_spd,
+    prior_cost,
+    reduced_equations,
+    solve_spd,
+)
+from photomap_gis.slam.bundle.ground import fit_ground
+from photomap_gis.slam.bundle.model import Linearised, cameras_of, linearise
+from photomap_gis.slam.bundle.problem import BundleProblem, BundleState
+
+FIRST_RELIEF = 0.03
+"""Before looking, the ground may lie off its middle level by this share of the flying height."""
+LEAST_RELIEF = 0.001
+ROUNDS, LEVEL_ROUNDS = 5, 2
+"""In the first rounds the ground counts as level, roughly: a lens that is off bends it like a bowl, and the bowl would
+be believed."""
+STEPS = 4
+LIMIT = 3.0
+"""Ties this many sigmas off count a quarter."""
+SETTLED = 1e-3
+"""A step is small that moves all views by less than this share of a pixel on the ground."""
+OBSERVABLE = 0.5
+"""A lens number is released where the flight makes it so much surer than it was."""
+CELLS_A_FOOTPRINT = 4.0
+RELIEF_TAIL = 4.0
+LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
+LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
+"""How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
+LARGE = 1500
+DAMPINGS = (0.0, 1e-4, 1e-2, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LensFound:
+    """What the flight says of a lens: prior and posterior sigmas of log focal length and k1, and what was released."""
+
+    camera: Camera
+    focal_sigma_log: float
+    k1_sigma: float
+    focal_observed: bool
+    k1_observed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bundle:
+    """The full solution: ``centre`` ``(N, 3)`` (z down), ``R_map_camera`` ``(N, 3, 3)``, ``(N, 6, 6)`` covariances.
+
+    ``ground`` is the surface; ``rms_before_px`` and ``rms_px`` are robust means of what ties were off under the start
+    and are now, in raster pixels. ``kept`` is the share of ties that count.
+    """
+
+    centre: FloatArray
+    R_map_camera: FloatArray
+    covariance: FloatArray
+    lenses: tuple[LensFound, ...]
+    ground: HeightField
+    rms_before_px: float
+    rms_px: float
+    kept: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _At:
+    """The equations at a state, and what went into them."""
+
+    found: Linearised
+    information: FloatArray
+    weight: FloatArray
+    scale2: float
+
+
+def bundle_adjust(problem: BundleProblem) -> Bundle:
+    """Return the full solution of a problem whose views are near the truth already.
+
+    Raises ``numpy.linalg.LinAlgError`` where the problem has no single answer.
+    """
+    # threads of BLAS spin while they wait for each other: on small systems that is most of the time
+    with threadpool_limits(1 if 6 * len(problem.views) < LARGE else None, user_api="blas"):
+        return _adjusted(problem)
+
+
+def _adjusted(problem: BundleProblem) -> Bundle:
+    state = BundleState.start(problem)
+    height = float(np.median(-state.centre[:, 2]))
+    gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
+    free = np.zeros((len(problem.lenses), 2), bool)
+    ground, relief = HeightField.level(), FIRST_RELIEF * height
+    before = _rms(linearise(problem, state), problem)
+    for round_ in range(ROUNDS):
+        prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
+        state, at, equations = _descend(problem, state, prior, free, gsd)
+        if round_ == 0:
+            free = _observable(problem, state, at, prior)
+        state = _levelled_off(problem, state)
+        if round_ < LEVEL_ROUNDS:
+            continue
+        spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
+        ground = _ground_of(problem, state, spot_sigma, height, gsd)
+        relief = max(ground.sigma, LEAST_RELIEF * height)
+    prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
+    state, at, equations = _descend(problem, state, prior, free, gsd)
+    inverse = inverse_spd(equations.H)
+    n = len(problem.views)
+    covariance = np.stack([inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)]).reshape(n, 6, 6)
+    return Bundle(
+        state.centre,
+        state.R,
+        covariance,
+        tuple(_lens_found(problem, state, free, inverse)),
+        replace(ground, sigma=relief),
+        before,
+        _rms(at.found, problem),
+        float(np.mean(at.weight > 0.5)),
+    )
+
+
+def _descend(
+    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, gsd: float
+) -> tuple[BundleState, _At, Reduced]:
+    at = _look(problem, state)
+    equations = reduced_equations(problem, state, at.found, at.information, prior, free)
+    for _ in range(STEPS):
+        value = _cost(problem, state, at, prior)
+        for damping in DAMPINGS:
+            H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
+            try:
+                step = solve_spd(H, equations.g)
+            except np.linalg.LinAlgError:
+                continue
+            moved = state.moved(step, equations.spots_for(step))
+            if _cost(problem, moved, at, prior) <= value * (1.0 + 1e-9):
+                break
+        else:
+            raise np.linalg.LinAlgError("the full solution does not settle")
+        state, at = moved, _look(problem, moved)
+        equations = reduced_equations(problem, state, at.found, at.information, prior, free)
+        shift = np.abs(step[: 6 * len(problem.views)].reshape(-1, 6)[:, :3]).max(initial=0.0)
+        if shift < SETTLED * gsd:
+            break
+    return state, at, equations
+
+
+def _look(problem: BundleProblem, state: BundleState) -> _At:
+    """Linearise, and weigh the ties by how far they are off: their common scale is taken from the flight."""
+    found = linearise(problem, state)
+    plain = np.linalg.inv(problem.ties.covariance)
+    squared = np.einsum("mi,mij,mj->m", found.residual, plain, found.residual)
+    scale2 = max(float(np.median(squared[found.valid])) / 1.386, 1.0) if found.valid.any() else 1.0
+    weight = np.where(found.valid, 1.0 / (1.0 + squared / scale2 / LIMIT**2) ** 2, 0.0)
+    return _At(found, plain * (weight / scale2)[:, None, None], weight, scale2)
+
+
+def _cost(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> float:
+    """Return the weighted squares at a state, by the weights of another nearby."""
+    found = linearise(problem, state)
+    r = np.where(found.valid[:, None], found.residual, 1e3)
+    return float(np.einsum("mi,mij,mj->", r, at.information, r)) + prior_cost(problem, state, prior)
+
+
+def _spot_prior(
+    problem: BundleProblem, state: BundleState, ground: HeightField, relief: float, *, bowl: float
+) -> SpotPrior:
+    """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
+
+    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides.
+    """
+    xy = _spots_xy(problem, state)
+    z = -ground.at(xy)
+    off2 = ((state.z - z) / relief) ** 2
+    if not len(xy):
+        return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0))
+    reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
+    u, v = ((xy - np.median(xy, axis=0)) / reach).T
+    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
+    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
+    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma)
+
+
+def _spots_xy(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """``(P, 2)`` where the spots lie on the map."""
+    found = linearise(problem, state)
+    out = np.zeros((problem.ties.spots, 2))
+    out[problem.ties.spot] = found.xy_map
+    return out
+
+
+def _levelled_off(problem: BundleProblem, state: BundleState) -> BundleState:
+    """Move the world so that the ground's middle level is 0: nothing else tells where heights begin."""
+    middle = float(np.median(state.z)) if len(state.z) else 0.0
+    return replace(state, z=state.z - middle, centre=state.centre - [0.0, 0.0, middle])
+
+
+def _ground_of(
+    problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float, gsd: float
+) -> HeightField:
+    camera = problem.lenses[0].camera
+    cell = gsd * max(camera.width_px, camera.height_px) / CELLS_A_FOOTPRINT
+    known = spot_sigma < 0.1 * height
+    xy = _spots_xy(problem, state)
+    return fit_ground(xy[known], -state.z[known], spot_sigma[known], cell)
+
+
+def _observable(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> np.ndarray:
+    """Return ``(L, 2)`` which lens numbers the flight tells better than was known."""
+    free = np.ones((len(problem.lenses), 2), bool)
+    H = reduced_equations(problem, state, at.found, at.information, prior, free).H
+    try:
+        variance = np.diag(inverse_spd(H))[_lens_rows(problem)].reshape(-1, 2)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(free)
+    before = np.array([(lens.focal_sigma_log, lens.k1_sigma) for lens in problem.lenses])
+    return np.asarray(np.sqrt(variance) < OBSERVABLE * before)
+
+
+def _lens_rows(problem: BundleProblem) -> slice:
+    first = 6 * len(problem.views)
+    return slice(first, first + 2 * len(problem.lenses))
+
+
+def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, inverse: FloatArray) -> list[LensFound]:
+    sigma = np.sqrt(np.diag(inverse)[_lens_rows(problem)].reshape(-1, 2))
+    out = []
+    for k, (lens, camera) in enumerate(zip(problem.lenses, cameras_of(problem, state), strict=True)):
+        f = float(sigma[k, 0]) if free[k, 0] else lens.focal_sigma_log
+        k1 = float(sigma[k, 1]) if free[k, 1] else lens.k1_sigma
+        out.append(LensFound(camera, f, k1, bool(free[k, 0]), bool(free[k, 1])))
+    return out
+
+
+def _rms(found: Linearised, problem: BundleProblem) -> float:
+    """Return a robust root mean square of the ties' residuals, per axis, in raster pixels."""
+    if not found.valid.any():
+        return float("nan")
+    return float(np.sqrt(np.median(np.sum(found.residual[found.valid] ** 2, axis=1)) / 1.386))
