@@ -167,7 +167,7 @@ def _register_freely(a: Patch, b: Patch) -> Registration:
 def register_patches(reference: Patch, drawn: Patch, expected: Expected) -> Registration:
     """Return ``T_reference_drawn``: iFMI near the identity, and features where it abstains."""
     prior = Prior(Similarity2D(), expected.sigma_xy_px, expected.sigma_angle_rad, expected.sigma_log_scale)
-    return register(_spectrum(reference), _spectrum(drawn), prior=prior)
+    return register(_spectrum(reference), _spectrum(drawn), prior=prior, fallback=expected.features)
 
 
 def _spectrum(patch: Patch) -> Spectrum:

@@ -41,11 +41,12 @@ SIGMAS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """How far the reference may lie off the drawing: one-sigmas, per axis in pixels."""
+    """How far the reference may lie off the drawing: one-sigmas, per axis in pixels; ``features`` as a last resort."""
 
     sigma_xy_px: float
     sigma_angle_rad: float
     sigma_log_scale: float
+    features: bool = True
 
 
 class Register(Protocol):
@@ -136,7 +137,8 @@ def tie_of(
         return None
     best, how = None, Look.GRADIENT
     for look in Look:
-        r = register(seen_as(old, look), seen_as(drawn, look), place.expected)
+        expected = replace(place.expected, features=look is Look.GRADIENT)
+        r = register(seen_as(old, look), seen_as(drawn, look), expected)
         if best is None or r.probability > best.probability:
             best, how = r, look
         if best.accepted:

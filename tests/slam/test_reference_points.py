@@ -84,3 +84,13 @@ def test_wrong_ties_are_put_aside_and_do_not_bend_the_map(rng, flight, by_gps):
     solution = solve(with_points(by_gps, points))
     assert {points[k].frame for k in solution.rejected_points} == {6, 21, 30}
     assert rmse(centres(solution, range(len(flight.poses))), flight.centres_m) < REFERENCE_SIGMA_M
+
+
+def test_a_gps_that_is_far_off_hardly_pulls_the_map_off_the_reference(rng, flight, by_gps):
+    off = np.array([7.0, -5.0])
+    far = replace(by_gps, positions=tuple(replace(p, xy_map_m=p.xy_map_m + off) for p in by_gps.positions))
+    frames = range(len(flight.poses))
+    assert rmse(centres(solve(far), frames), flight.centres_m) > 7
+    laid = solve(with_points(far, ties(rng, flight)))
+    assert rmse(centres(laid, frames), flight.centres_m) < 0.6 * REFERENCE_SIGMA_M
+    assert sigma_m(laid) < 1.05 * REFERENCE_SIGMA_M
