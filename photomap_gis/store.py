@@ -411,12 +411,16 @@ _TIE = np.dtype([("xy_a", "<f4", 2), ("xy_b", "<f4", 2), ("sigma", "<f2", 2), ("
 """A tie as the journal packs it: sigmas along x and y and their correlation say what the covariance does."""
 
 
+MOST_SIGMA_PX = 1e4
+"""Wider sigmas would not fit the journal's short numbers, and say nothing anyhow."""
+
+
 def _packed(ties: TiePoints) -> str:
     """Return tie points as base64: a journal of text would be five times that."""
     table = np.zeros(len(ties), _TIE)
     xx, xy, yy = ties.covariance_a_px2.T
     table["xy_a"], table["xy_b"], table["place"] = ties.xy_a_px, ties.xy_b_px, ties.place
-    table["sigma"] = np.sqrt(np.stack([xx, yy], axis=1))
+    table["sigma"] = np.minimum(np.sqrt(np.stack([xx, yy], axis=1)), MOST_SIGMA_PX)
     table["correlation"] = xy / np.sqrt(xx * yy)
     return base64.b64encode(table.tobytes()).decode("ascii")
 

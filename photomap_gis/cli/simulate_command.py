@@ -29,6 +29,7 @@ from photomap_gis.cli.progress import ProgressBars
               help="Direction of the strips from grid north; repeat to fly the pattern again.")  # fmt: skip
 @click.option("--speed", type=float, default=6.0, show_default=True, help="Metres a second.")
 @click.option("--jitter-deg", type=float, default=1.0, show_default=True, help="Sigma of roll and pitch.")
+@click.option("--lean-deg", type=float, default=0.0, show_default=True, help="The camera looks ahead by this.")
 @click.option("--report-attitude/--no-report-attitude", default=True, show_default=True,
               help="Whether the files say how the camera stood.")  # fmt: skip
 @click.option("--gps-sigma", type=float, default=2.0, show_default=True, help="Gauss-Markov error per axis, metres.")
@@ -62,6 +63,7 @@ def command(
     headings: tuple[float, ...],
     speed: float,
     jitter_deg: float,
+    lean_deg: float,
     report_attitude: bool,
     gps_sigma: float,
     gps_tau: float,
@@ -101,7 +103,7 @@ def command(
         video_rate_hz=video_rate,
         bitrate_bit_s=round(bitrate * 1e6),
         report_attitude=report_attitude,
-        motion=Motion(tilt_deg=jitter_deg),
+        motion=Motion(tilt_deg=jitter_deg, lean_deg=lean_deg),
         gps=GpsError(
             white_sigma_m=gps_white,
             walk_sigma_m=gps_sigma,

@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,15 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.ground import HeightField
 from photomap_gis.core.placement import PlanePlacement, PosedPlacement
 from photomap_gis.core.posegraph import PointObservation, Trajectory
-from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.georef import UNKNOWN_TILT_RAD, choose_map_frame, crs_to_lonlat, fix_to_map
 from photomap_gis.ingest.control import read_control
 from photomap_gis.store import ControlRecord, Mission
 
 FAR_M = 20_000.0
 """Control points that lie further from the flight are of another place, or their axes are swapped."""
+DISAGREE_SIGMA = 4.0
+"""Sigmas that two pictures of a check point may lie apart on the map."""
 SEEN_LEVEL_RAD = math.radians(0.5)
 """How far a camera may lean without its pictures' pairs telling it."""
 
@@ -72,24 +75,31 @@ def read_request(request: ControlRequest | None) -> tuple[str, tuple[ControlPoin
     return text, points
 
 
-def keep_control(mission: Mission, request: ControlRequest | None, frames: Sequence[FrameRef]) -> ControlRecord:
-    """Keep what is asked for in the mission and return all its ground control; what is not asked for stays."""
-    kept = mission.load_control()
+def keep_request(mission: Mission, request: ControlRequest | None, frames: Sequence[FrameRef], crs: str | None) -> None:
+    """Keep the ground control that is asked for in the mission and place its map by all that it then has.
+
+    What is not asked for stays. Where it cannot be used, the mission stays as it is.
+    """
+    kept, text = mission.load_control(), None
     read = read_request(request)
-    if request is None:
-        return kept
-    if read is not None and request.file is not None:
+    if read is not None and request is not None and request.file is not None:
         text, points = read
         kept = replace(kept, points=points, source=request.file.name, check=request.check or ())
         _check_pictures(kept, frames)
-        mission.save_control(kept, text)
-    elif request.check is not None:
+    elif request is not None and request.check is not None:
         if not kept.points:
             raise UsageError("--check needs control points: give them by --gcp FILE")
-        check_names([p.name for p in kept.points], request.check)
         kept = replace(kept, check=request.check)
-        mission.save_control(kept)
-    return kept
+    keep_control(mission, kept, frames, crs, text=text)
+
+
+def keep_control(
+    mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None, *, text: str | None = None
+) -> None:
+    """Place a mission's map by this ground control, and keep it; ``text`` is the file that it was read from."""
+    place_map(mission, control, frames, crs)
+    if control != mission.load_control() or text is not None:
+        mission.save_control(control, text)
 
 
 def place_map(mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None) -> None:
@@ -226,6 +236,27 @@ def words_on(
     return found
 
 
+def words_on_checks(points: Sequence[PointObservation], trajectory: Trajectory, names: Mapping[int, str]) -> list[str]:
+    """Return what is to be said about check points that different pictures show at different places of the map."""
+    placed = {p.frame: p for p in trajectory.placements}
+    by_name: defaultdict[str, list[tuple[str, FloatArray, float]]] = defaultdict(list)
+    for o in points:
+        if o.check and (p := placed.get(o.frame)) is not None:
+            at = p.camera_to_map.project(o.xy_px[None])[0]
+            variance = np.trace(p.position_covariance_m2(o.xy_px[None])[0]) + 2.0 * (o.sigma_px * p.gsd_m_per_px) ** 2
+            by_name[o.name].append((names[o.frame], at, float(variance)))
+    found = []
+    for name, seen in by_name.items():
+        for (image, at, variance), (other, there, variance2) in combinations(seen, 2):
+            apart = float(np.hypot(*(at - there)))
+            if apart > DISAGREE_SIGMA * math.sqrt(variance + variance2):
+                found.append(
+                    f"check point {name} as marked in {image} and in {other} lies {apart:.2f} m apart on the map: "
+                    "one of them is marked wrongly, and its miss tells nothing"
+                )
+    return found
+
+
 def nudge_motion(nudges: Sequence[Nudge], map_frame: MapFrame) -> Similarity2D:
     """Return what the corrections by hand do to the internal map frame, the first one first."""
     whole = Similarity2D.identity()
@@ -277,7 +308,7 @@ def _moved_ground(ground: HeightField, motion: Similarity2D) -> HeightField:
     return HeightField((float(low[0]), float(low[1])), cell, up, sigma)
 
 
-def _lonlat(points: Sequence[ControlPoint], source: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _lonlat(points: Sequence[ControlPoint], source: str) -> FloatArray:
     """``(N, 2)`` longitudes, latitudes of points, each in its own CRS; ``DataError`` where one has no place."""
     out = np.empty((len(points), 2))
     try:

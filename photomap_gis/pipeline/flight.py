@@ -16,12 +16,12 @@ from photomap_gis.georef import plane_view
 from photomap_gis.pipeline.control import (
     ControlRequest,
     judge_points,
-    keep_control,
+    keep_request,
     moved,
     nudge_motion,
-    place_map,
     read_request,
     words_on,
+    words_on_checks,
 )
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
@@ -80,7 +80,7 @@ def map_flight(
         )  # fmt: skip
     with mission:
         frames = tuple(mission.frames)
-        place_map(mission, keep_control(mission, control, frames), frames, settings.crs)
+        keep_request(mission, control, frames, settings.crs)
         views = {f.index: plane_view(f) for f in frames}
         with clock("read"):
             prepared = prepare_frames(mission, frames, views, settings, on_progress)
@@ -137,7 +137,9 @@ def settle(
     points = [p for p in solved.points if p.kind is PointKind.CONTROL]
     aside = {k for k in aside if k < len(points)}
     results = judge_points(points, aside, solved.trajectory)
-    words = words_on(results, points, sorted(aside), {f.index: f.name for f in frames})
+    names = {f.index: f.name for f in frames}
+    words = words_on(results, points, sorted(aside), names)
+    words += words_on_checks(points, solved.trajectory, names)
     return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 

@@ -35,6 +35,7 @@ UNKNOWN_TILT_RAD = 0.07
 """A camera that does not say how it leans looks down to within some four degrees."""
 MIN_TIE_SIGMA_WORK_PX = 0.03
 SPOT_STEP = 1 << 20
+BLUNDERS_INFORMATION = 1e-3
 K1_SIGMA = 0.03
 KNOWN_K1_SIGMA = 0.01
 
@@ -161,7 +162,7 @@ def _tie_set(
         xx, xy, yy = ties.covariance_a_px2[use].T * zoom**2
         covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
         covariance += (MIN_TIE_SIGMA_WORK_PX * zoom) ** 2 * np.eye(2)
-        finite = np.isfinite(xy_a).all(axis=1) & np.isfinite(xy_b).all(axis=1)
+        finite = np.isfinite(np.concatenate([xy_a, xy_b, covariance.reshape(-1, 4)], axis=1)).all(axis=1)
         a, b = np.full(finite.sum(), node[r.a]), np.full(finite.sum(), node[r.b])
         parts.append((a, b, xy_a[finite], xy_b[finite], covariance[finite], ties.place[use][finite]))
     a, b, xy_a, xy_b, covariance, place = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -189,7 +190,23 @@ def _posed(solved: Solved, bundle: Bundle, problem: BundleProblem, node: Mapping
         )
         for found, lens in zip(bundle.lenses, problem.lenses, strict=True)
     )  # fmt: skip
-    return replace(solved, trajectory=trajectory, predicted_ce90_m=predicted, lenses=lenses)
+    return replace(
+        solved,
+        trajectory=trajectory,
+        predicted_ce90_m=predicted,
+        lenses=lenses,
+        fit_to_gps_rms_m=_fit_to_gps(bundle, problem),
+    )
+
+
+def _fit_to_gps(bundle: Bundle, problem: BundleProblem) -> float | None:
+    """Horizontal RMS of the cameras against their fixes, blunders left out: a residual, never an accuracy."""
+    if not len(problem.fix_of):
+        return None
+    information = np.diag(problem.fix_information)
+    used = information > BLUNDERS_INFORMATION * float(np.median(information))
+    off = bundle.centre[problem.fix_of, :2] - problem.fix_xy
+    return float(np.sqrt(np.mean(np.sum(off[used] ** 2, axis=1))))
 
 
 def _about_down(angle_rad: float) -> FloatArray:

@@ -17,8 +17,9 @@ from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
-from photomap_gis.pipeline.control import ControlRequest, keep_control, place_map, read_request
+from photomap_gis.pipeline.control import ControlRequest, keep_control, keep_request, read_request
 from photomap_gis.pipeline.flight import StageClock, finish, settle
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import kept_settings
@@ -61,7 +62,7 @@ def solve_again(
     read_request(control)
 
     def change(mission: Mission, solved: Solved, settings: MapSettings) -> None:
-        keep_control(mission, control, solved.frames)
+        keep_request(mission, control, solved.frames, settings.crs)
 
     return _solved_after(change, folder, on_progress)
 
@@ -97,7 +98,7 @@ def georeference(
                 raise UsageError("a map without a place on Earth cannot be nudged: give it one by --pick or --gcp")
             lon, lat = _middle(solved)
             kept = replace(kept, nudges=(*kept.nudges, Nudge(*nudge, pivot_lat_deg=lat, pivot_lon_deg=lon)))
-        mission.save_control(kept)
+        keep_control(mission, kept, solved.frames, settings.crs)
 
     return _solved_after(change, folder, on_progress)
 
@@ -155,7 +156,6 @@ def _solved_after(
         with clock("solve"):
             change(mission, before, settings)
             try:
-                place_map(mission, mission.load_control(), frames, settings.crs)
                 solved = solve_mission(mission, frames, views, measurements, settings)
                 solved = settle(mission, frames, views, measurements, solved)
                 if not solved.segment_numbers:
@@ -204,9 +204,7 @@ def _with_picks(
     return control
 
 
-def _seen_at(trajectory: Trajectory, xy_map: np.ndarray[tuple[int, ...], np.dtype[np.float64]], pick: Pick) -> tuple[
-    Sighting, ...
-]:  # fmt: skip
+def _seen_at(trajectory: Trajectory, xy_map: FloatArray, pick: Pick) -> tuple[Sighting, ...]:
     """Return which pictures show a place of the map, and where in them: those that have it nearest their middle."""
     found = []
     for p in trajectory.placements:

@@ -108,7 +108,7 @@ def fly(ground: Ground, spec: FlightSpec, *, video: bool = False) -> FlightPlan:
             (centre[0] + east, centre[1] + north),
             take_off + altitude + up,
             roll_rad=roll + jerk[k, 0],
-            pitch_rad=pitch + jerk[k, 1],
+            pitch_rad=pitch + jerk[k, 1] + math.radians(m.lean_deg),
             yaw_rad=turn,
         )
 

@@ -32,7 +32,8 @@ class Motion:
     """How unsteadily the drone flies; sigmas.
 
     ``tilt_deg`` is that of roll and of pitch, 30 % of its variance white from frame to frame, the rest a sway of
-    ``tilt_tau_s``. ``height_sigma_m`` and ``wander_sigma_m`` are slow changes of height and sideways place.
+    ``tilt_tau_s``; ``lean_deg`` is how far the camera always looks ahead of the plumb line. ``height_sigma_m`` and
+    ``wander_sigma_m`` are slow changes of height and sideways place.
     """
 
     tilt_deg: float = 0.0
@@ -41,6 +42,7 @@ class Motion:
     height_sigma_m: float = 0.6
     wander_sigma_m: float = 0.6
     slow_tau_s: float = 25.0
+    lean_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,7 @@ class FlightSpec:
             (0.1 <= self.video_rate_hz <= 120.0, "the video's rate must lie within 0.1-120 Hz"),
             (len(self.headings_deg) >= 1, "at least one heading is needed"),
             (0.0 <= self.motion.tilt_deg <= 20.0, "the jitter must lie within 0-20 degrees"),
+            (abs(self.motion.lean_deg) <= 40.0, "the lean must lie within 40 degrees"),
             (0.0 <= self.imaging.error_share < 1.0, "the share of error frames must lie within 0-1"),
             (0.0 <= self.gps.dropout_share < 1.0, "the share of dropouts must lie within 0-1"),
         )

@@ -114,8 +114,8 @@ def _agreement(q: ComplexArray, z_m: ComplexArray, sigma_m: FloatArray, prior: _
     motions = [_motion(u, r, seed / sigma**2, prior) for seed in seeds]
     squared = np.array([np.abs(a + b * u - r) ** 2 for a, b in motions]) / sigma**2
     pulled = np.array([_pull(a, b, prior) for a, b in motions])
-    middle = np.sort(squared, axis=1)[:, n // 2] + np.minimum(pulled, 1e12) / n
-    widened = max(1.0, float(middle.min()) / MEDIAN_CHI2[2])  # points may be worse than they say, all alike
+    # Points may be worse than they say, all alike: but two that any motion fits excuse nothing.
+    widened = max(1.0, float(np.sort(squared, axis=1)[:, n // 2].min()) / MEDIAN_CHI2[2])
     cost = np.minimum(squared / widened, LIMIT**2).sum(axis=1) + pulled
     best = int(np.argmin(cost))
     miss2 = squared[best]

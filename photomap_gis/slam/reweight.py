@@ -122,13 +122,13 @@ def _spread_by_flight(problem: Problem, squared: FloatArray) -> FloatArray:
 
 
 def _spread_by_kind(problem: Problem, squared: FloatArray, trust: FloatArray) -> FloatArray:
-    """``(K,)`` spread of each known point's kind, by those of it that are trusted."""
+    """``(K,)`` spread of each known point's kind, by those that are trusted; where none is, it excuses none of them."""
     kind = problem.points.kind
     out = np.ones(len(squared))
     for k in np.unique(kind):
         rows = kind == k
         trusted = rows & (trust > REJECTED_BELOW)
-        out[rows] = spread(squared[trusted if trusted.any() else rows], 2)
+        out[rows] = spread(squared[trusted], 2)
     return out
 
 

@@ -35,11 +35,16 @@ UTM = resolve_crs("EPSG:32632")
 
 
 def ground_points(truth: Truth, count: int = 9) -> np.ndarray:
-    """``(count, 3)`` easting, northing, height of points all over the flight."""
+    """``(count, 3)`` easting, northing, height of points all over the flight, on the ground as surveyors have them."""
     centres = np.array([(f.pose.easting_m, f.pose.northing_m) for f in truth.frames])
-    rng = np.random.default_rng(11)
-    spread = centres[np.linspace(0, len(centres) - 1, count).astype(int)] + rng.uniform(-12, 12, (count, 2))
-    return np.concatenate([spread, truth.ground().heights_at(spread)[:, None]], axis=1)
+    level = np.median([f.ground_height_m for f in truth.frames])
+    rng, ground = np.random.default_rng(11), truth.ground()
+    found = []
+    for centre in centres[np.linspace(0, len(centres) - 1, count).astype(int)]:
+        near = centre + rng.uniform(-12, 12, (40, 2))
+        heights = ground.heights_at(near)
+        found.append([*near[k := int(np.argmin(np.abs(heights - level)))], heights[k]])
+    return np.array(found)
 
 
 def control_list(truth: Truth, path: Path, *, wrong: str | None = None, click_px: float = 0.3) -> Path:
@@ -226,6 +231,26 @@ def test_pixels_of_a_picture_of_another_size_are_told(flown, mission, tmp_path):
     path.write_text("\n".join([lines[0], " ".join(cells), *lines[2:]]))
     summary = solve_again(mission, ControlRequest(path))
     assert any("another size" in w for w in summary.warnings)
+
+
+def test_control_of_another_place_leaves_no_trace_in_a_new_mission(flown, tmp_path):
+    gcp = control_list(flown.truth, tmp_path / "gcp_list.txt")
+    gcp.write_text(gcp.read_text().replace("32N", "33N"))
+    with pytest.raises(DataError, match="km from the flight"):
+        map_flight([flown.photos], tmp_path / "m", control=ControlRequest(gcp))
+    assert not (tmp_path / "m" / "control.json").exists()
+
+
+def test_a_check_point_marked_wrongly_in_one_picture_is_told(flown, mission, tmp_path):
+    lines = control_list(flown.truth, tmp_path / "gcp_list.txt").read_text().splitlines()
+    row = next(k for k, line in enumerate(lines) if line.endswith(" P3"))
+    cells = lines[row].split()
+    cells[3] = str(float(cells[3]) + 60.0)
+    lines[row] = " ".join(cells)
+    (tmp_path / "gcp_list.txt").write_text("\n".join(lines))
+    warnings = solve_again(mission, ControlRequest(tmp_path / "gcp_list.txt", check=("P3", "P6"))).warnings
+    assert any(w.startswith(f"check point P3 as marked in {cells[5]} and in ") for w in warnings)
+    assert not any("P6" in w for w in warnings)
 
 
 def test_pictures_are_found_by_name_path_or_index():

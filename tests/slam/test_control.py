@@ -178,3 +178,15 @@ def test_each_piece_is_placed_by_its_own_points(rng, flight, ties):
     assert rmse(centres(solution, all_frames(flight)), flight.centres_m) < 0.4
     first = solve(with_points(graph(flight, apart), points[:4]))
     assert {p.frame for p in first.poses} == set(range(40))
+
+
+def test_one_point_shifts_a_map_with_gps(rng, flight, ties, track):
+    g = graph(flight, ties, track)
+    by_gps = rmse(centres(solve(g), all_frames(flight)), flight.centres_m)
+    pulled = solve(with_points(g, control(rng, flight, CORNERS[2:3])))
+    assert pulled.rejected_points == ()
+    assert rmse(centres(pulled, all_frames(flight)), flight.centres_m) < 0.5 * by_gps
+    for off in ((300.0, 0.0), (80.0, 0.0), (0.0, -25.0)):
+        blunder = solve(with_points(g, control(rng, flight, CORNERS[2:3], off={"middle": off})))
+        assert set(blunder.rejected_points) == {0, 1}
+        assert rmse(centres(blunder, all_frames(flight)), flight.centres_m) == pytest.approx(by_gps, abs=0.1)

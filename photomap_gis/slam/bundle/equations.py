@@ -75,29 +75,30 @@ def reduced_equations(
     W = np.where(found.valid[:, None, None], information, 0.0)
     J = np.concatenate([found.by_a, found.by_b, found.by_lens_a, found.by_lens_b], axis=2)
     WJ = W @ J
-    products = J.transpose(0, 2, 1) @ WJ
-    pulls = np.einsum("mij,mi->mj", WJ, found.residual)
-    first, pair_a, pair_b = _runs_of(t.a, t.b)
-    products, pulls = np.add.reduceat(products, first), np.add.reduceat(pulls, first)
-    columns = np.concatenate(
-        [
-            6 * pair_a[:, None] + np.arange(6),
-            6 * pair_b[:, None] + np.arange(6),
-            6 * n + 2 * lens_of[pair_a][:, None] + np.arange(2),
-            6 * n + 2 * lens_of[pair_b][:, None] + np.arange(2),
-        ],
-        axis=1,
-    )
-    for c, block, pull in zip(columns, products, pulls, strict=True):
-        np.add.at(H, (c[:, None], c[None, :]), block)
-        np.add.at(g, c, pull)
+    residual = found.residual
+    for begin, end in runs_of(t.a, t.b):
+        left, right = int(t.a[begin]), int(t.b[begin])
+        column = np.concatenate(
+            [
+                6 * left + np.arange(6),
+                6 * right + np.arange(6),
+                6 * n + 2 * int(lens_of[left]) + np.arange(2),
+                6 * n + 2 * int(lens_of[right]) + np.arange(2),
+            ]
+        )
+        weighted = WJ[begin:end].reshape(-1, 16)
+        block, pull = J[begin:end].reshape(-1, 16).T @ weighted, residual[begin:end].ravel() @ weighted
+        if lens_of[left] == lens_of[right]:  # two parts of one lens meet in the same place
+            block, pull, column = _LENS_ONCE.T @ block @ _LENS_ONCE, pull @ _LENS_ONCE, column[:14]
+        H[column[:, None], column] += block
+        g[column] += pull
     by_z = found.by_z
     Wz = np.einsum("mij,mj->mi", W, by_z)
     A = prior.information + np.bincount(t.spot, np.sum(Wz * by_z, axis=1), t.spots)
     gz = (state.z - prior.z) * prior.information + np.bincount(t.spot, np.sum(Wz * found.residual, axis=1), t.spots)
     JWz = np.einsum("mij,mi->mj", J, Wz)
     blocks = []
-    for begin, end in _anchors_of(t.b):
+    for begin, end in runs_of(t.b):
         spots, row = np.unique(t.spot[begin:end], return_inverse=True)
         a = t.a[begin:end]
         frames, at = np.unique(a, return_inverse=True)
@@ -197,17 +198,14 @@ def _turn_terms(problem: BundleProblem, state: BundleState) -> list[tuple[FloatA
     return [(w, np.diag(s**-2.0)) for w, s in zip(turn, sigma, strict=True)]
 
 
-def _runs_of(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return where each pair's ties begin, and the pairs."""
-    new = np.ones(len(a), bool)
-    new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0)
-    first = np.flatnonzero(new)
-    return first, a[first], b[first]
+_LENS_ONCE = np.vstack([np.eye(14), np.eye(14)[12:]])
+"""``(16, 14)``: takes two parts of one lens together."""
 
 
-def _anchors_of(b: IntArray) -> list[tuple[int, int]]:
-    """Return where each anchor's ties begin and end."""
-    bounds = [0, *(np.flatnonzero(np.diff(b)) + 1).tolist(), len(b)]
+def runs_of(*keys: IntArray) -> list[tuple[int, int]]:
+    """Return where each run of equal keys begins and ends."""
+    changes = np.flatnonzero(np.any([np.diff(k) != 0 for k in keys], axis=0)) + 1
+    bounds = [0, *changes.tolist(), len(keys[0])]
     return [(i, j) for i, j in pairwise(bounds) if j > i]
 
 

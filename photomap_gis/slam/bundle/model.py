@@ -41,24 +41,66 @@ def cameras_of(problem: BundleProblem, state: BundleState) -> list[Camera]:
     ]
 
 
-def linearise(problem: BundleProblem, state: BundleState) -> Linearised:
-    """Return residuals and derivatives of all ties at a state."""
-    t = problem.ties
-    cameras, lens_of = cameras_of(problem, state), problem.lens_of
-    lens_a, lens_b = lens_of[t.a], lens_of[t.b]
-    n_b, by_m_b, k1_b = _undistorted(cameras, lens_b, t.xy_b_px)
-    R_a, R_b = state.R[t.a], state.R[t.b]
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """Where the spots lie and how they are seen: ``ray`` ``(M, 3)`` from b, ``down`` how steeply, ``reach`` how far.
+
+    ``spot`` ``(M, 3)`` lies in the world, ``from_a`` from a's centre; ``n_a`` ``(M, 2)`` is where a sees it (focal
+    length 1), ``depth`` ``(M,)`` how far off; ``n_b`` where b does.
+    """
+
+    n_b: FloatArray
+    ray: FloatArray
+    down: FloatArray
+    reach: FloatArray
+    spot: FloatArray
+    from_a: FloatArray
+    depth: FloatArray
+    n_a: FloatArray
+    valid: np.ndarray
+
+
+def sight(problem: BundleProblem, state: BundleState, cameras: list[Camera]) -> Sighting:
+    """Return what the ties' spots are at a state."""
+    t, lens_of = problem.ties, problem.lens_of
+    n_b = np.empty_like(t.xy_b_px)
+    for k, camera in enumerate(cameras):
+        of = lens_of[t.b] == k
+        n_b[of] = camera.undistort((t.xy_b_px[of] - camera.principal_xy_px) / camera.focal_px)
+    R_b = state.R[t.b]
     ray = np.einsum("mij,mj->mi", R_b[:, :, :2], n_b) + R_b[:, :, 2]
     down = np.maximum(ray[:, 2], LEAST_DOWN)
     reach = (state.z[t.spot] - state.centre[t.b, 2]) / down
     spot = state.centre[t.b] + reach[:, None] * ray
     from_a = spot - state.centre[t.a]
-    seen = np.einsum("mji,mj->mi", R_a, from_a)
+    seen = np.einsum("mji,mj->mi", state.R[t.a], from_a)
     depth = np.maximum(seen[:, 2], 1e-6)
-    n_a = seen[:, :2] / depth[:, None]
+    valid = (ray[:, 2] > LEAST_DOWN) & (seen[:, 2] > 1e-6) & (reach > 0.0)
+    return Sighting(n_b, ray, down, reach, spot, from_a, depth, seen[:, :2] / depth[:, None], valid)
+
+
+def residuals(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, np.ndarray]:
+    """Return residuals ``(M, 2)`` and which of them are valid, without derivatives."""
+    t, cameras = problem.ties, cameras_of(problem, state)
+    s = sight(problem, state, cameras)
+    predicted = np.empty_like(s.n_a)
+    for k, camera in enumerate(cameras):
+        of = problem.lens_of[t.a] == k
+        predicted[of] = camera.distort(s.n_a[of]) * float(camera.focal_px or 1.0) + camera.principal_xy_px
+    return predicted - t.xy_a_px, s.valid
+
+
+def linearise(problem: BundleProblem, state: BundleState) -> Linearised:
+    """Return residuals and derivatives of all ties at a state."""
+    t = problem.ties
+    cameras, lens_of = cameras_of(problem, state), problem.lens_of
+    lens_a, lens_b = lens_of[t.a], lens_of[t.b]
+    s = sight(problem, state, cameras)
+    R_a, R_b = state.R[t.a], state.R[t.b]
+    ray, down, reach, spot, from_a, depth, n_a = s.ray, s.down, s.reach, s.spot, s.from_a, s.depth, s.n_a
+    by_m_b, k1_b = _of_undistorting(cameras, lens_b, s.n_b)
     predicted, by_n_a, by_k1_a = _distorted(cameras, lens_a, n_a)
     residual = predicted - t.xy_a_px
-    valid = (ray[:, 2] > LEAST_DOWN) & (seen[:, 2] > 1e-6) & (reach > 0.0)
     # from a's ideal coordinates back to the spot in space
     by_seen = np.zeros((len(t), 2, 3))
     by_seen[:, 0, 0] = by_seen[:, 1, 1] = 1.0 / depth
@@ -79,7 +121,7 @@ def linearise(problem: BundleProblem, state: BundleState) -> Linearised:
         [-np.einsum("mij,mj->mi", by_n_b @ by_m_b, m_b), -np.einsum("mij,mj->mi", by_n_b @ by_m_b, k1_b)], axis=2
     )
     by_z = np.einsum("mij,mj->mi", by_spot, ray / down[:, None])
-    return Linearised(residual, by_a, by_b, by_lens_a, by_lens_b, by_z, valid, spot[:, :2])
+    return Linearised(residual, by_a, by_b, by_lens_a, by_lens_b, by_z, s.valid, spot[:, :2])
 
 
 def _principal(cameras: list[Camera], lens: np.ndarray) -> FloatArray:
@@ -92,19 +134,18 @@ def _polynomial(camera: Camera, r2: FloatArray) -> tuple[FloatArray, FloatArray]
     return factor, camera.k1 + r2 * (2.0 * camera.k2 + 3.0 * r2 * camera.k3)
 
 
-def _undistorted(
-    cameras: list[Camera], lens: np.ndarray, xy_px: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return ideal coordinates ``(M, 2)``, their derivative ``(M, 2, 2)`` by distorted ones, and by what k1 adds."""
-    n, by_m, added = np.empty_like(xy_px), np.empty((len(xy_px), 2, 2)), np.empty_like(xy_px)
+def _of_undistorting(cameras: list[Camera], lens: np.ndarray, n: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives ``(M, 2, 2)`` of ideal coordinates ``n`` by distorted ones, and what k1 adds to those."""
+    by_m, added = np.empty((len(n), 2, 2)), np.empty_like(n)
     for k, camera in enumerate(cameras):
         of = lens == k
-        n[of] = camera.undistort((xy_px[of] - camera.principal_xy_px) / camera.focal_px)
         factor, slope = _polynomial(camera, r2 := np.sum(n[of] ** 2, axis=1))
-        bend = 2.0 * slope[:, None, None] * n[of][:, :, None] * n[of][:, None, :]
-        by_m[of] = np.linalg.inv(factor[:, None, None] * np.eye(2) + bend)
+        # (f I + 2 s n n^T)^-1, by Sherman and Morrison
+        outer = n[of][:, :, None] * n[of][:, None, :]
+        share = 2.0 * slope / (factor * (factor + 2.0 * slope * r2))
+        by_m[of] = np.eye(2) / factor[:, None, None] - share[:, None, None] * outer
         added[of] = n[of] * r2[:, None]
-    return n, by_m, added
+    return by_m, added
 
 
 def _distorted(cameras: list[Camera], lens: np.ndarray, n: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ of the ground there. The ray of the anchor meets that level at the spot, which f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -56,7 +57,7 @@ class View:
     height_sigma: float = np.nan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TieSet:
     """M ties: frames' places in the list of views ``a``, ``b`` ``(M,)``; ``xy_a_px``, ``xy_b_px`` ``(M, 2)`` raster
     pixels; ``covariance`` ``(M, 2, 2)`` of the error in a; ``spot`` ``(M,)`` the number of the anchor's spot.
@@ -73,6 +74,11 @@ class TieSet:
 
     def __len__(self) -> int:
         return len(self.a)
+
+    @cached_property
+    def information(self) -> FloatArray:
+        """``(M, 2, 2)`` inverses of the covariances."""
+        return np.asarray(np.linalg.inv(self.covariance), np.float64)
 
     @property
     def spots(self) -> int:

@@ -19,13 +19,13 @@ from photomap_gis.slam.bundle.equations import (
     solve_spd,
 )
 from photomap_gis.slam.bundle.ground import fit_ground
-from photomap_gis.slam.bundle.model import Linearised, cameras_of, linearise
+from photomap_gis.slam.bundle.model import Linearised, cameras_of, linearise, residuals, sight
 from photomap_gis.slam.bundle.problem import BundleProblem, BundleState
 
 FIRST_RELIEF = 0.03
 """Before looking, the ground may lie off its middle level by this share of the flying height."""
 LEAST_RELIEF = 0.001
-ROUNDS, LEVEL_ROUNDS = 5, 2
+ROUNDS, LEVEL_ROUNDS = 10, 2
 """In the first rounds the ground counts as level, roughly: a lens that is off bends it like a bowl, and the bowl would
 be believed."""
 STEPS = 4
@@ -33,6 +33,8 @@ LIMIT = 3.0
 """Ties this many sigmas off count a quarter."""
 SETTLED = 1e-3
 """A step is small that moves all views by less than this share of a pixel on the ground."""
+SETTLED_ROUND = 0.1
+"""Another round is of no use where the last moved no camera by more than this share of a pixel on the ground."""
 OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
 CELLS_A_FOOTPRINT = 4.0
@@ -41,7 +43,7 @@ LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
 LARGE = 1500
-DAMPINGS = (0.0, 1e-4, 1e-2, 1.0)
+DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +101,9 @@ def _adjusted(problem: BundleProblem) -> Bundle:
     gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
     free = np.zeros((len(problem.lenses), 2), bool)
     ground, relief = HeightField.level(), FIRST_RELIEF * height
-    before = _rms(linearise(problem, state), problem)
+    before = _rms(*residuals(problem, state))
     for round_ in range(ROUNDS):
+        came_from = state.centre
         prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
         state, at, equations = _descend(problem, state, prior, free, gsd)
         if round_ == 0:
@@ -111,6 +114,8 @@ def _adjusted(problem: BundleProblem) -> Bundle:
         spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
         ground = _ground_of(problem, state, spot_sigma, height, gsd)
         relief = max(ground.sigma, LEAST_RELIEF * height)
+        if np.abs(state.centre - came_from)[:, :2].max(initial=0.0) < SETTLED_ROUND * gsd:
+            break
     prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
     state, at, equations = _descend(problem, state, prior, free, gsd)
     inverse = inverse_spd(equations.H)
@@ -123,7 +128,7 @@ def _adjusted(problem: BundleProblem) -> Bundle:
         tuple(_lens_found(problem, state, free, inverse)),
         replace(ground, sigma=relief),
         before,
-        _rms(at.found, problem),
+        _rms(at.found.residual, at.found.valid),
         float(np.mean(at.weight > 0.5)),
     )
 
@@ -135,17 +140,20 @@ def _descend(
     equations = reduced_equations(problem, state, at.found, at.information, prior, free)
     for _ in range(STEPS):
         value = _cost(problem, state, at, prior)
+        solved = False
         for damping in DAMPINGS:
             H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
             try:
                 step = solve_spd(H, equations.g)
             except np.linalg.LinAlgError:
                 continue
-            moved = state.moved(step, equations.spots_for(step))
+            solved, moved = True, state.moved(step, equations.spots_for(step))
             if _cost(problem, moved, at, prior) <= value * (1.0 + 1e-9):
                 break
         else:
-            raise np.linalg.LinAlgError("the full solution does not settle")
+            if not solved:
+                raise np.linalg.LinAlgError("the full solution has no single answer")
+            break  # it gets no better
         state, at = moved, _look(problem, moved)
         equations = reduced_equations(problem, state, at.found, at.information, prior, free)
         shift = np.abs(step[: 6 * len(problem.views)].reshape(-1, 6)[:, :3]).max(initial=0.0)
@@ -157,7 +165,7 @@ def _descend(
 def _look(problem: BundleProblem, state: BundleState) -> _At:
     """Linearise, and weigh the ties by how far they are off: their common scale is taken from the flight."""
     found = linearise(problem, state)
-    plain = np.linalg.inv(problem.ties.covariance)
+    plain = problem.ties.information
     squared = np.einsum("mi,mij,mj->m", found.residual, plain, found.residual)
     scale2 = max(float(np.median(squared[found.valid])) / 1.386, 1.0) if found.valid.any() else 1.0
     weight = np.where(found.valid, 1.0 / (1.0 + squared / scale2 / LIMIT**2) ** 2, 0.0)
@@ -166,8 +174,8 @@ def _look(problem: BundleProblem, state: BundleState) -> _At:
 
 def _cost(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> float:
     """Return the weighted squares at a state, by the weights of another nearby."""
-    found = linearise(problem, state)
-    r = np.where(found.valid[:, None], found.residual, 1e3)
+    residual, valid = residuals(problem, state)
+    r = np.where(valid[:, None], residual, 1e3)
     return float(np.einsum("mi,mij,mj->", r, at.information, r)) + prior_cost(problem, state, prior)
 
 
@@ -192,9 +200,8 @@ def _spot_prior(
 
 def _spots_xy(problem: BundleProblem, state: BundleState) -> FloatArray:
     """``(P, 2)`` where the spots lie on the map."""
-    found = linearise(problem, state)
     out = np.zeros((problem.ties.spots, 2))
-    out[problem.ties.spot] = found.xy_map
+    out[problem.ties.spot] = sight(problem, state, cameras_of(problem, state)).spot[:, :2]
     return out
 
 
@@ -241,8 +248,6 @@ def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, in
     return out
 
 
-def _rms(found: Linearised, problem: BundleProblem) -> float:
+def _rms(residual: FloatArray, valid: np.ndarray) -> float:
     """Return a robust root mean square of the ties' residuals, per axis, in raster pixels."""
-    if not found.valid.any():
-        return float("nan")
-    return float(np.sqrt(np.median(np.sum(found.residual[found.valid] ** 2, axis=1)) / 1.386))
+    return float(np.sqrt(np.median(np.sum(residual[valid] ** 2, axis=1)) / 1.386)) if valid.any() else float("nan")
