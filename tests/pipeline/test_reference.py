@@ -13,11 +13,13 @@ from PIL import Image
 
 from photomap_gis.cli.app import cli
 from photomap_gis.core.errors import DataError, UsageError
-from photomap_gis.pipeline import MapSettings, MapSummary, map_flight, reference_mission
+from photomap_gis.pipeline import MapSettings, MapSummary, map_flight, reference_mission, solve_again
 from photomap_gis.simulate import FlightSpec, GpsError, Motion, Truth, procedural_scene, simulate_photos
 from photomap_gis.simulate.evaluate import evaluate_map
 from photomap_gis.simulate.season import Season, another_season, write_reference
 from photomap_gis.store import Mission
+
+pytestmark = pytest.mark.slow
 
 SPEC = FlightSpec(
     frames=12, altitude_m=80.0, width_px=800, height_px=600, motion=Motion(tilt_deg=1.0), seed=5,
@@ -196,6 +198,9 @@ def test_a_map_without_positions_is_found_in_the_whole_of_the_imagery(lost, tmp_
     assert errors.absolute_rmse_m <= 2 * lost.gsd_m
     again = map_flight([lost.photos], tmp_path / "m", MapSettings(references=(str(lost.reference),)))
     assert again.bounds == s.bounds
+    solved = solve_again(tmp_path / "m")  # its ties are all that places it, and they are kept
+    assert solved.georeferenced
+    assert solved.bounds == s.bounds
 
 
 def test_a_map_that_is_nowhere_in_the_imagery_stays_relative(lost, world, tmp_path):
