@@ -15,6 +15,7 @@ from photomap_gis.core.errors import UsageError
 
 if TYPE_CHECKING:
     from photomap_gis.pipeline import MapSummary
+    from photomap_gis.store import LensRecord
 
 
 @click.command(name="map", short_help="Make a georeferenced photo map from photos or a video.")
@@ -139,6 +140,7 @@ def describe(summary: MapSummary) -> str:
         lines.append(
             f"fit to GPS {summary.fit_to_gps_rms_m:.2f} m RMS (how well map and track agree; not the accuracy)"
         )
+    lines += [f"lens       {words_of(lens)}" for lens in summary.lenses]
     lines += control_lines(summary.control)
     for r in summary.references:
         lines.append(f"reference  {Path(r.path).name}: {r.word}; {r.gsd_m_per_px:.2f} m pixels, "
@@ -155,3 +157,15 @@ def describe(summary: MapSummary) -> str:
     stages = ", ".join(f"{stage} {s:.1f}" for stage, s in summary.seconds.items())
     lines.append(f"time       {seconds:.1f} s ({stages}); {total / max(seconds, 1e-9):.1f} frames/s")
     return "\n".join(lines)
+
+
+def words_of(lens: LensRecord) -> str:
+    """Return what the flight told of a lens, as a person reads it."""
+    if lens.focal_observed:
+        sure = f"± {100 * lens.focal_sigma_rel:.2f} %"
+        focal = f"focal length {lens.focal_px:.1f} px {sure} (file: {lens.focal_before_px:.1f})"
+    else:
+        focal = f"focal length {lens.focal_px:.1f} px as the file says: not observable in this flight"
+    if lens.k1_observed:
+        return f"{focal}; distortion k1 {lens.k1:+.4f} ± {lens.k1_sigma:.4f}"
+    return f"{focal}; distortion not observable in this flight"

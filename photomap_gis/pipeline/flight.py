@@ -26,7 +26,6 @@ from photomap_gis.pipeline.control import (
 from photomap_gis.pipeline.deliver import deliver
 from photomap_gis.pipeline.draw import draw_maps
 from photomap_gis.pipeline.in_space import solve_in_space
-from photomap_gis.pipeline.laid import laid_on_ties
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
@@ -117,18 +116,9 @@ def settle(
     measurements: Measurements,
     solved: Solved,
 ) -> Solved:
-    """Return the last solution posed in space, corrected by hand, and with what its known points make of it.
-
-    The full solution knows nothing of control points: where they hold the flat one, that stands. Where only ties to
-    imagery hold it, the full one is laid on them.
-    """
+    """Return the last solution posed in space, corrected by hand, and with what its known points make of it."""
     aside = set(() if solved.solution is None else solved.solution.rejected_points)
-    known = [p for k, p in enumerate(solved.points) if not p.check and k not in aside]
-    if not known:
-        solved = solve_in_space(frames, views, measurements, solved)
-    elif all(p.kind is PointKind.REFERENCE for p in known):
-        posed = solve_in_space(frames, views, measurements, solved)
-        solved = (None if posed is solved else laid_on_ties(posed, solved, known)) or solved
+    solved = solve_in_space(frames, views, measurements, solved)
     nudges = mission.load_control().nudges
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)
@@ -178,6 +168,7 @@ def finish(
         reasons=solved.count_reasons(),
         outputs=tuple(str(p) for p in outputs),
         references=tuple(ReferenceSummary.of(r) for r in mission.references),
+        lenses=solved.lenses,
         control=solved.control,
         nudges=mission.load_control().nudges,
     )

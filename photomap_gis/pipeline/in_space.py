@@ -13,15 +13,16 @@ import numpy as np
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.frame import FrameRef, level_rotation
 from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
-from photomap_gis.core.posegraph import PositionObservation, Trajectory
+from photomap_gis.core.posegraph import PointObservation, PositionObservation, Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
 from photomap_gis.ifmi.template import GRID
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.solve import Solved
-from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, TieSet, View, bundle_adjust
+from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
 from photomap_gis.slam.bundle.fixes import fix_information
 from photomap_gis.slam.lag import without_lag
+from photomap_gis.slam.optimize import BIAS_LIMIT
 from photomap_gis.slam.place import GPS_METHOD
 from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
 
@@ -30,7 +31,8 @@ logger = logging.getLogger(__name__)
 FEWEST_FRAMES = 3
 MOST_FRAMES = 1200
 """The system is dense: beyond this it would no longer fit an ordinary laptop."""
-MOST_TIES = 150_000
+TIES, TIES_A_FRAME, MOST_TIES = 30_000, 150, 150_000
+"""Ties that are enough, those a frame where there are many frames, and those that are never exceeded."""
 UNKNOWN_TILT_RAD = 0.07
 """A camera that does not say how it leans looks down to within some four degrees."""
 MIN_TIE_SIGMA_WORK_PX = 0.03
@@ -69,7 +71,10 @@ def solve_in_space(
         fixes = observe([starts[f].ref for f in order], solved.map_frame, of_cameras=True).positions
         if solved.solution is not None:
             fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
-    problem = _problem([starts[f] for f in order], node, ties, fixes)
+    points = _used_points(solved, node)
+    if points:
+        fixes = _as_biased_as_shown(fixes, starts)
+    problem = _problem([starts[f] for f in order], node, ties, fixes, points)
     try:
         bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
@@ -114,6 +119,7 @@ def _problem(
     node: Mapping[int, int],
     ties: TieSet,
     fixes: Sequence[PositionObservation],
+    points: Sequence[PointObservation],
 ) -> BundleProblem:
     views = tuple(s.view for s in starts)
     lenses: dict[int, Lens] = {}
@@ -129,6 +135,10 @@ def _problem(
     information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
     pieces = {s.placement.segment for s in starts}
     fixed = {starts[k].placement.segment for k in fix_of.tolist()}
+    seen: dict[int, set[tuple[float, ...]]] = {}
+    for p in points:
+        seen.setdefault(starts[node[p.frame]].placement.segment, set()).add(tuple(p.xy_map_m))
+    fixed |= {piece for piece, places in seen.items() if len(places) >= 2}
     held = [next(k for k, s in enumerate(starts) if s.placement.segment == piece) for piece in sorted(pieces - fixed)]
     return BundleProblem(
         views,
@@ -138,7 +148,55 @@ def _problem(
         np.array([o.xy_map_m for o in used]).reshape(-1, 2),
         information,
         np.array(held, np.intp),
+        _marks(points, node, views, lenses, number),
     )
+
+
+def _as_biased_as_shown(
+    fixes: Sequence[PositionObservation], starts: Mapping[int, _Start]
+) -> tuple[PositionObservation, ...]:
+    """Return the fixes, those of a flight that known points contradict with as large a bias as the flat solution shows.
+
+    The flat solution has learnt it; a receiver that is metres off must not pull the full one either.
+    """
+    off: dict[int, list[FloatArray]] = {}
+    for o in fixes:
+        off.setdefault(o.flight, []).append(o.xy_map_m - starts[o.frame].view.centre[:2])
+    shown_m = {flight: float(np.hypot(*np.median(misses, axis=0))) for flight, misses in off.items()}
+    out = []
+    for o in fixes:
+        shown = shown_m[o.flight]
+        contradicted = 0.0 < BIAS_LIMIT * o.bias_sigma_m < shown
+        out.append(replace(o, bias_sigma_m=shown / math.sqrt(2.0)) if contradicted else o)
+    return tuple(out)
+
+
+def _used_points(solved: Solved, node: Mapping[int, int]) -> list[PointObservation]:
+    """Return the known points that the flat solution was held by, in frames that are posed."""
+    aside = set() if solved.solution is None else set(solved.solution.rejected_points)
+    return [p for k, p in enumerate(solved.points) if not p.check and k not in aside and p.frame in node]
+
+
+def _marks(
+    points: Sequence[PointObservation],
+    node: Mapping[int, int],
+    views: Sequence[View],
+    lenses: Mapping[int, Lens],
+    number: Mapping[int, int],
+) -> Marks:
+    """Return known points as marks: sightings of one point share the error of its place."""
+    if not points:
+        return Marks.none()
+    focal = {number[k]: lens.focal_px for k, lens in lenses.items()}
+    view = np.array([node[p.frame] for p in points], np.intp)
+    covariance = np.zeros((2 * len(points), 2 * len(points)))
+    for i, p in enumerate(points):
+        for j, q in enumerate(points):
+            if p.name == q.name:
+                covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = (p.covariance_m2 + q.covariance_m2) / 2.0
+        pixel = -float(views[view[i]].centre[2]) / focal[views[view[i]].lens]
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += (p.sigma_px * pixel) ** 2 * np.eye(2)
+    return Marks(view, np.array([p.xy_px for p in points]), np.array([p.xy_map_m for p in points]), covariance)
 
 
 def _tie_set(
@@ -149,7 +207,7 @@ def _tie_set(
 ) -> TieSet:
     """Return all ties in raster pixels, anchor by anchor; of very many, the same part of the places of every frame."""
     total = sum(len(r.registration.ties or ()) for r in records)
-    stride = max(1, math.ceil(total / MOST_TIES))
+    stride = max(1, math.ceil(total / min(max(TIES, TIES_A_FRAME * len(node)), MOST_TIES)))
     parts = []
     for r in sorted(records, key=lambda r: (node[r.b], node[r.a])):
         ties = r.registration.ties

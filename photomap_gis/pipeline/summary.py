@@ -9,6 +9,7 @@ from typing import Any
 from photomap_gis.core.control import Nudge
 from photomap_gis.core.tie import ReferenceTies
 from photomap_gis.pipeline.control import ControlResult, checked, residual_rms_m
+from photomap_gis.store import LensRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,8 @@ class MapSummary:
     """The result of a mapping run; ``None`` where a value is unknown.
 
     ``fit_to_gps_rms_m`` is a residual of the fit, not an accuracy; ``predicted_ce90_m`` is the accuracy that the
-    solver's covariances predict, the GPS's own bias included.
+    solver's covariances predict, the GPS's own bias included. ``lenses`` say what the flight told of its lenses, where
+    cameras could be posed in space.
     """
 
     mission: str
@@ -52,6 +54,7 @@ class MapSummary:
     warnings: tuple[str, ...]
     reasons: Mapping[str, Mapping[str, int]]
     outputs: tuple[str, ...]
+    lenses: tuple[LensRecord, ...] = ()
     control: tuple[ControlResult, ...] = ()
     nudges: tuple[Nudge, ...] = ()
     references: tuple[ReferenceSummary, ...] = ()
@@ -75,6 +78,7 @@ class MapSummary:
             "warnings": list(self.warnings),
             "reasons": {status: dict(r) for status, r in self.reasons.items()},
             "outputs": list(self.outputs),
+            "lenses": [asdict(lens) for lens in self.lenses],
             "control": control_document(self.control),
             "accuracy": accuracy_document(self.control),
             "nudges": [asdict(n) for n in self.nudges],

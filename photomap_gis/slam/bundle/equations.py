@@ -13,6 +13,7 @@ import numpy as np
 from scipy import linalg
 
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.slam.bundle.marks import MarkTerms, add_marks
 from photomap_gis.slam.bundle.model import Linearised
 from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, IntArray, log_rotation
 
@@ -62,10 +63,11 @@ def reduced_equations(
     information: FloatArray,
     prior: SpotPrior,
     free_lens: np.ndarray,
+    marked: MarkTerms | None = None,
 ) -> Reduced:
     """Return the equations at a state; ``information`` ``(M, 2, 2)`` of the ties, 0 for those put aside.
 
-    ``free_lens`` ``(L, 2)`` says which lens numbers may change.
+    ``free_lens`` ``(L, 2)`` says which lens numbers may change. ``marked`` are the terms of the known points.
     """
     t, n, lenses = problem.ties, len(problem.views), len(problem.lenses)
     bends = prior.bends.shape[1]
@@ -122,6 +124,8 @@ def reduced_equations(
         H[np.ix_(column, column)] -= V.T @ weighted
         g[column] -= weighted.T @ gz[spots]
         blocks.append((spots, column, V))
+    if marked is not None:
+        add_marks(H, g, problem.marks, marked, lens_of, n)
     _add_priors(H, g, problem, state, free_lens)
     if bends:
         surface = slice(size - bends, size)

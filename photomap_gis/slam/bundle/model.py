@@ -98,7 +98,7 @@ def linearise(problem: BundleProblem, state: BundleState) -> Linearised:
     s = sight(problem, state, cameras)
     R_a, R_b = state.R[t.a], state.R[t.b]
     ray, down, reach, spot, from_a, depth, n_a = s.ray, s.down, s.reach, s.spot, s.from_a, s.depth, s.n_a
-    by_m_b, k1_b = _of_undistorting(cameras, lens_b, s.n_b)
+    by_m_b, k1_b = of_undistorting(cameras, lens_b, s.n_b)
     predicted, by_n_a, by_k1_a = _distorted(cameras, lens_a, n_a)
     residual = predicted - t.xy_a_px
     # from a's ideal coordinates back to the spot in space
@@ -134,7 +134,7 @@ def _polynomial(camera: Camera, r2: FloatArray) -> tuple[FloatArray, FloatArray]
     return factor, camera.k1 + r2 * (2.0 * camera.k2 + 3.0 * r2 * camera.k3)
 
 
-def _of_undistorting(cameras: list[Camera], lens: np.ndarray, n: FloatArray) -> tuple[FloatArray, FloatArray]:
+def of_undistorting(cameras: list[Camera], lens: np.ndarray, n: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives ``(M, 2, 2)`` of ideal coordinates ``n`` by distorted ones, and what k1 adds to those."""
     by_m, added = np.empty((len(n), 2, 2)), np.empty_like(n)
     for k, camera in enumerate(cameras):

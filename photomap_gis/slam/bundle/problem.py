@@ -9,7 +9,7 @@ of the ground there. The ray of the anchor meets that level at the spot, which f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -87,6 +87,25 @@ class TieSet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """K known points of the ground: the ``view`` ``(K,)`` that shows each at ``xy_px`` ``(K, 2)``, where it lies on the
+    map ``xy_map`` ``(K, 2)``, and the ``(2 K, 2 K)`` covariance of all of them: they may share an error."""
+
+    view: IntArray
+    xy_px: FloatArray
+    xy_map: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def none(cls) -> Marks:
+        """Return no marks."""
+        return cls(np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 0)))
+
+    def __len__(self) -> int:
+        return len(self.view)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BundleProblem:
     """Views, lenses, ties, and fixes: ``fix_of`` ``(F,)`` views that have one, ``fix_xy`` ``(F, 2)`` where they say the
     camera was, and ``fix_information`` ``(F, F)`` of their errors along either axis: neighbours in time share theirs.
@@ -101,6 +120,7 @@ class BundleProblem:
     fix_xy: FloatArray
     fix_information: FloatArray
     held: IntArray
+    marks: Marks = field(default_factory=Marks.none)
 
     @property
     def lens_of(self) -> IntArray:

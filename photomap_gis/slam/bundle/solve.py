@@ -19,6 +19,7 @@ from photomap_gis.slam.bundle.equations import (
     solve_spd,
 )
 from photomap_gis.slam.bundle.ground import fit_ground
+from photomap_gis.slam.bundle.marks import MarkTerms, mark_terms
 from photomap_gis.slam.bundle.model import Linearised, cameras_of, linearise, residuals, sight
 from photomap_gis.slam.bundle.problem import BundleProblem, BundleState
 
@@ -100,12 +101,13 @@ def _adjusted(problem: BundleProblem) -> Bundle:
     height = float(np.median(-state.centre[:, 2]))
     gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
     free = np.zeros((len(problem.lenses), 2), bool)
-    ground, relief = HeightField.level(), FIRST_RELIEF * height
+    relief = FIRST_RELIEF * height
+    ground = HeightField.level(relief)
     before = _rms(*residuals(problem, state))
     for round_ in range(ROUNDS):
         came_from = state.centre
         prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
-        state, at, equations = _descend(problem, state, prior, free, gsd)
+        state, at, equations = _descend(problem, state, prior, free, gsd, ground)
         if round_ == 0:
             free = _observable(problem, state, at, prior)
         state = _levelled_off(problem, state)
@@ -117,7 +119,7 @@ def _adjusted(problem: BundleProblem) -> Bundle:
         if np.abs(state.centre - came_from)[:, :2].max(initial=0.0) < SETTLED_ROUND * gsd:
             break
     prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
-    state, at, equations = _descend(problem, state, prior, free, gsd)
+    state, at, equations = _descend(problem, state, prior, free, gsd, replace(ground, sigma=relief))
     inverse = inverse_spd(equations.H)
     n = len(problem.views)
     covariance = np.stack([inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)]).reshape(n, 6, 6)
@@ -134,12 +136,20 @@ def _adjusted(problem: BundleProblem) -> Bundle:
 
 
 def _descend(
-    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, gsd: float
+    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, gsd: float, ground: HeightField
 ) -> tuple[BundleState, _At, Reduced]:
+    def equations_at(state: BundleState, at: _At) -> Reduced:
+        marked = _marked(problem, state, ground)
+        return reduced_equations(problem, state, at.found, at.information, prior, free, marked)
+
+    def cost_at(state: BundleState, at: _At) -> float:
+        marked = _marked(problem, state, ground)
+        return _cost(problem, state, at, prior) + (0.0 if marked is None else marked.cost)
+
     at = _look(problem, state)
-    equations = reduced_equations(problem, state, at.found, at.information, prior, free)
+    equations = equations_at(state, at)
     for _ in range(STEPS):
-        value = _cost(problem, state, at, prior)
+        value = cost_at(state, at)
         solved = False
         for damping in DAMPINGS:
             H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
@@ -148,18 +158,24 @@ def _descend(
             except np.linalg.LinAlgError:
                 continue
             solved, moved = True, state.moved(step, equations.spots_for(step))
-            if _cost(problem, moved, at, prior) <= value * (1.0 + 1e-9):
+            if cost_at(moved, at) <= value * (1.0 + 1e-9):
                 break
         else:
             if not solved:
                 raise np.linalg.LinAlgError("the full solution has no single answer")
             break  # it gets no better
         state, at = moved, _look(problem, moved)
-        equations = reduced_equations(problem, state, at.found, at.information, prior, free)
+        equations = equations_at(state, at)
         shift = np.abs(step[: 6 * len(problem.views)].reshape(-1, 6)[:, :3]).max(initial=0.0)
         if shift < SETTLED * gsd:
             break
     return state, at, equations
+
+
+def _marked(problem: BundleProblem, state: BundleState, ground: HeightField) -> MarkTerms | None:
+    if not len(problem.marks):
+        return None
+    return mark_terms(problem.marks, state, cameras_of(problem, state), problem.lens_of, ground)
 
 
 def _look(problem: BundleProblem, state: BundleState) -> _At:

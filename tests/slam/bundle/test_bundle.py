@@ -11,11 +11,12 @@ from photomap_gis.core.ground import HeightField
 from photomap_gis.core.placement import PosedPlacement
 from photomap_gis.core.posegraph import PositionObservation
 from photomap_gis.core.similarity import fit_similarity
-from photomap_gis.slam.bundle import Lens, bundle_adjust
+from photomap_gis.slam.bundle import Lens, Marks, bundle_adjust
 from photomap_gis.slam.bundle.equations import SpotPrior, reduced_equations, solve_spd
 from photomap_gis.slam.bundle.fixes import fix_covariance, fix_information
 from photomap_gis.slam.bundle.ground import fit_ground
-from photomap_gis.slam.bundle.model import linearise
+from photomap_gis.slam.bundle.marks import mark_terms
+from photomap_gis.slam.bundle.model import cameras_of, linearise
 from photomap_gis.slam.bundle.problem import BundleState, exp_rotation, log_rotation
 
 GSD = 100.0 / 1200.0
@@ -138,6 +139,59 @@ def test_predicted_sigmas_are_those_of_the_errors():
             keep = [0, 1, 3, 4, 5]
             nees.append(e @ np.linalg.solve(bundle.covariance[k][np.ix_(keep, keep)], e) / 5.0)
     assert 0.3 < np.mean(nees) < 1.6
+
+
+def marks_of(world, rng, views=(0, 5, 12, 17), sigma=0.05, shared=0.0):
+    """One known point in the middle of each of some frames."""
+    px = rng.uniform((500, 400), (1100, 800), (len(views), 2))
+    where = [
+        PosedPlacement(world.camera, world.centre[v] * (1, 1, -1), world.R[v], world.ground).project(p[None])[0]
+        for v, p in zip(views, px, strict=True)
+    ]
+    n = 2 * len(views)
+    both = np.tile(np.eye(2), (len(views), len(views)))
+    return Marks(np.array(views), px, np.array(where), sigma**2 * np.eye(n) + shared**2 * both)
+
+
+def absolute_errors(world, bundle) -> np.ndarray:
+    """Metres, without any alignment."""
+    out = []
+    for k in range(len(world.centre)):
+        xy = np.array([[800.0, 600.0], [300.0, 300.0]])
+        true = PosedPlacement(world.camera, world.centre[k] * (1, 1, -1), world.R[k], world.ground).project(xy)
+        found = PosedPlacement(
+            bundle.lenses[0].camera, bundle.centre[k] * (1, 1, -1), bundle.R_map_camera[k], bundle.ground
+        ).project(xy)
+        out.append(np.hypot(*(found - true).T))
+    return np.concatenate(out)
+
+
+def test_known_points_pull_the_map_to_their_places(rng):
+    world = make_world(rng, gps_m=3.0)
+    alone = bundle_adjust(world.problem)
+    held = bundle_adjust(replace(world.problem, marks=marks_of(world, rng)))
+    assert np.median(absolute_errors(world, held)) < 0.1 < np.median(absolute_errors(world, alone))
+    loose = bundle_adjust(replace(world.problem, marks=marks_of(world, rng, shared=20.0)))
+    off = [np.median(absolute_errors(world, b)) for b in (loose, held)]
+    assert off[0] > 2.0 * off[1], "points that share an unknown error tell no more than the map's shape"
+
+
+def test_derivatives_of_known_points(rng):
+    world = make_world(rng, strips=1, a_strip=3, camera=Camera(1600, 1200, 1200.0, k1=-0.06), relief=2.0)
+    p = replace(world.problem, marks=marks_of(world, rng, views=(0, 2)))
+    state, h = BundleState.start(p), 1e-6
+
+    def terms(state):
+        return mark_terms(p.marks, state, cameras_of(p, state), p.lens_of, world.ground)
+
+    found = terms(state)
+    for k, view in enumerate(p.marks.view.tolist()):
+        for j in range(8):
+            step = np.zeros(6 * len(p.views) + 2)
+            step[6 * view + j if j < 6 else 6 * len(p.views) + j - 6] = h
+            ahead, behind = (terms(state.moved(s * step, np.zeros(p.ties.spots))).residual[k] for s in (1, -1))
+            expected = found.by_view[k][:, j] if j < 6 else found.by_lens[k][:, j - 6]
+            assert (ahead - behind) / (2 * h) == pytest.approx(expected, rel=1e-5, abs=1e-4)
 
 
 def test_without_fixes_the_map_stays_where_it_was(rng):
