@@ -8,6 +8,7 @@
       tracks.jsonl          the track of a flight a line, where a log gave the frames their places
       prepared.jsonl        one verdict a frame: usable or not, and where its working image lies in its plane
       registrations.jsonl   one registration a line, whether accepted or not
+      references.json       frames found in existing imagery, with where it shows them (replaced whole)
       control.json          ground control, picks and nudges (replaced whole); the file given lies beside it verbatim
       solution.json         the placements of the newest solution, and every frame's status (replaced whole)
       cache/working/        small levelled grey images, one a frame; can be made again
@@ -39,6 +40,7 @@ from photomap_gis.core.ground import HeightField
 from photomap_gis.core.measurement import Registration, TiePoints
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.core.tie import ReferenceTies
 from photomap_gis.publish import write_file
 
 T = TypeVar("T")
@@ -359,6 +361,22 @@ class Mission:
             return _adapter(SolutionRecord).validate_json(path.read_bytes())
         except (ValidationError, OSError) as error:
             raise DataError(f"{path} is damaged: run 'photomap map' on its sources again") from error
+
+    @property
+    def references(self) -> tuple[ReferenceTies, ...]:
+        """What is known from existing imagery; empty where none was given. ``DataError`` where it is damaged."""
+        path = self.folder / "references.json"
+        if not path.is_file():
+            return ()
+        try:
+            return _adapter(tuple[ReferenceTies, ...]).validate_json(path.read_bytes())
+        except (ValidationError, OSError) as error:
+            raise DataError(f"{path} is damaged: delete it and give --reference again") from error
+
+    def save_references(self, references: Iterable[ReferenceTies]) -> None:
+        """Replace ``references.json``."""
+        adapter = _adapter(tuple[ReferenceTies, ...])
+        write_file(self.folder / "references.json", adapter.dump_json(tuple(references), indent=1))
 
     def save_control(self, control: ControlRecord, text: str | None = None) -> None:
         """Replace ``control.json``, and with ``text`` the copy of the file that the points were read from."""

@@ -28,6 +28,20 @@ if TYPE_CHECKING:
               help="Frames looking further off the plumb line are not pasted.")  # fmt: skip
 @click.option("--antenna-offset", metavar="F,R,D",
               help="Metres from camera to GPS antenna: forward, right, down of the vehicle.")  # fmt: skip
+@click.option(
+    "--reference",
+    "references",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="ORTHO.tif",
+    help="Lay the map on this existing imagery (another season will do); may be repeated.",
+)
+@click.option(
+    "--reference-sigma",
+    type=float,
+    metavar="M",
+    help="How far that imagery may be off, one sigma; default: one of its pixels.",
+)
 @source_options
 @control_options
 @click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
@@ -43,6 +57,8 @@ def command(
     gsd: float | None,
     max_off_nadir: float,
     antenna_offset: str | None,
+    references: tuple[Path, ...],
+    reference_sigma: float | None,
     workers: int | None,
     memory_mb: int,
     gcp: Path | None,
@@ -59,6 +75,7 @@ def command(
     photomap map DJI_0001.MP4 DJI_0002.MP4 -o flight-2        # .SRT files lie beside
     photomap map flight.mp4 --track flight.tlog --fov-deg 78 -o flight-3
     photomap map --add flight-1 SECOND_CARD
+    photomap map DCIM/100MEDIA --reference orthophoto-2019.tif -o flight-1
     photomap map DCIM/100MEDIA -o flight-4 --gcp gcp_list.txt --check every-third
 
     MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
@@ -76,6 +93,8 @@ def command(
         workers=workers,
         memory_mb=memory_mb,
         antenna_offset_m=antenna_offset_m(antenna_offset),
+        references=tuple(str(r.absolute()) for r in references),
+        reference_sigma_m=reference_sigma,
     )
     folder = add or mission
     assert folder is not None  # told apart above
@@ -143,6 +162,9 @@ def describe(summary: MapSummary) -> str:
                      f"sigma {lag['sigma_s']:.2f} s{'; corrected' if lag['corrected'] else ''}")  # fmt: skip
     lines += [f"lens       {words_of(lens)}" for lens in summary.lenses]
     lines += control_lines(summary.control)
+    for r in summary.references:
+        lines.append(f"reference  {Path(r.path).name}: {r.word}; {r.gsd_m_per_px:.2f} m pixels, "
+                     f"{r.sigma_m:.2f} m of its own error taken")  # fmt: skip
     if summary.predicted_ce90_m is not None and any(r.check for r in summary.control):
         lines.append(f"predicted  CE90 {summary.predicted_ce90_m:.2f} m by the solution's covariances")
     elif summary.predicted_ce90_m is not None:

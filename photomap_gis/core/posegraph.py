@@ -130,7 +130,7 @@ class PoseGraph:
     @property
     def georeferenced(self) -> bool:
         """Whether anything ties the graph to the Earth: a fix, or two points that are not kept for the check."""
-        return bool(self.positions) or len({p.name for p in self.points if not p.check}) >= 2
+        return bool(self.positions) or len({tuple(p.xy_map_m) for p in self.points if not p.check}) >= 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

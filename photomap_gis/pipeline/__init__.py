@@ -4,7 +4,7 @@ from photomap_gis.pipeline.control import ControlRequest
 from photomap_gis.pipeline.deliver import Format, export_mission
 from photomap_gis.pipeline.flight import map_flight
 from photomap_gis.pipeline.graph import export_graph
-from photomap_gis.pipeline.resolve import Pick, georeference, solve_again
+from photomap_gis.pipeline.resolve import Pick, georeference, reference_mission, solve_again
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.pipeline.summary import MapSummary
 
@@ -18,5 +18,6 @@ __all__ = [
     "export_mission",
     "georeference",
     "map_flight",
+    "reference_mission",
     "solve_again",
 ]

@@ -128,6 +128,8 @@ def place_map(mission: Mission, control: ControlRecord, frames: Sequence[FrameRe
                     "and is x east and y north?"
                 )
         return
+    if header.map_frame.crs_wkt is not None and any(r.kept for r in mission.references):
+        return  # existing imagery has placed it, and its ties are told in that frame
     map_frame = choose_map_frame(places, crs) if len(places) >= 2 else MapFrame(None)
     if map_frame != header.map_frame:
         mission.save_header(replace(header, map_frame=map_frame))

@@ -7,10 +7,12 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef
+from photomap_gis.core.posegraph import PointKind
 from photomap_gis.georef import plane_view
 from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.control import (
@@ -30,9 +32,10 @@ from photomap_gis.pipeline.in_space import solve_in_space
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
+from photomap_gis.pipeline.reference import take_references
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solve import Solved, solve_mission
-from photomap_gis.pipeline.summary import MapSummary
+from photomap_gis.pipeline.summary import MapSummary, ReferenceSummary
 from photomap_gis.store import ControlRecord, Mission
 
 logger = logging.getLogger(__name__)
@@ -88,6 +91,7 @@ def map_flight(
         measurements = Measurements(mission, SpectrumShelf(mission), prepared, settings, on_progress)
         with clock("register"):
             measurements.take_sequential(frames)
+        # Ground control and existing imagery come in last: until then a run goes its way as if there were none.
         with clock("solve"):
             shifts_s: dict[int, float] = {}
             if settings.ingest.track_offset_s is None:
@@ -104,9 +108,16 @@ def map_flight(
                     solved = solve_mission(
                         mission, frames, views, measurements, settings, with_control=False, shifts_s=shifts_s
                     )
+        solve = partial(solve_mission, mission, frames, views, measurements, settings, shifts_s=shifts_s)
+        if mission.load_control() != ControlRecord():
+            with clock("solve"):
+                solved = solve()
+        with clock("reference"):
+            solved = take_references(
+                mission, solved, solve, [Path(r) for r in settings.references],
+                sigma_m=settings.reference_sigma_m, on_progress=on_progress,
+            )  # fmt: skip
         with clock("solve"):
-            if mission.load_control() != ControlRecord():
-                solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=shifts_s)
             solved = settle(mission, frames, views, measurements, settings, solved)
         return finish(mission, solved, measurements, settings, clock, on_progress)
 
@@ -131,10 +142,13 @@ def settle(
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)
         solved = replace(solved, trajectory=moved(solved.trajectory, motion))
-    results = judge_points(solved.points, aside, solved.trajectory)
+    # Behind the control points lie the ties to imagery, which tell of themselves.
+    points = [p for p in solved.points if p.kind is PointKind.CONTROL]
+    aside = {k for k in aside if k < len(points)}
+    results = judge_points(points, aside, solved.trajectory)
     names = {f.index: f.name for f in frames}
-    words = words_on(results, solved.points, sorted(aside), names)
-    words += words_on_checks(solved.points, solved.trajectory, names)
+    words = words_on(results, points, sorted(aside), names)
+    words += words_on_checks(points, solved.trajectory, names)
     return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 
@@ -173,6 +187,7 @@ def finish(
         reasons=solved.count_reasons(),
         outputs=tuple(str(p) for p in outputs),
         track_lags=solved.track_lags({f.id: f.name for f in mission.flights}),
+        references=tuple(ReferenceSummary.of(r) for r in mission.references),
         lenses=solved.lenses,
         control=solved.control,
         nudges=mission.load_control().nudges,

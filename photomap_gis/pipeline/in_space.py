@@ -22,6 +22,7 @@ from photomap_gis.pipeline.solve import Solved
 from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
 from photomap_gis.slam.bundle.fixes import fix_information
 from photomap_gis.slam.lag import without_lag
+from photomap_gis.slam.optimize import BIAS_LIMIT
 from photomap_gis.slam.place import GPS_METHOD
 from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
 
@@ -77,7 +78,10 @@ def solve_in_space(
         fixes = seen.positions
         if solved.solution is not None:
             fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
-    problem = _problem([starts[f] for f in order], node, ties, fixes, _used_points(solved, node))
+    points = _used_points(solved, node)
+    if points:
+        fixes = _as_biased_as_shown(fixes, starts)
+    problem = _problem([starts[f] for f in order], node, ties, fixes, points)
     try:
         bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
@@ -138,10 +142,10 @@ def _problem(
     information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
     pieces = {s.placement.segment for s in starts}
     fixed = {starts[k].placement.segment for k in fix_of.tolist()}
-    seen: dict[int, set[str]] = {}
+    seen: dict[int, set[tuple[float, ...]]] = {}
     for p in points:
-        seen.setdefault(starts[node[p.frame]].placement.segment, set()).add(p.name)
-    fixed |= {piece for piece, names in seen.items() if len(names) >= 2}
+        seen.setdefault(starts[node[p.frame]].placement.segment, set()).add(tuple(p.xy_map_m))
+    fixed |= {piece for piece, places in seen.items() if len(places) >= 2}
     held = [next(k for k, s in enumerate(starts) if s.placement.segment == piece) for piece in sorted(pieces - fixed)]
     return BundleProblem(
         views,
@@ -153,6 +157,25 @@ def _problem(
         np.array(held, np.intp),
         _marks(points, node, views, lenses, number),
     )
+
+
+def _as_biased_as_shown(
+    fixes: Sequence[PositionObservation], starts: Mapping[int, _Start]
+) -> tuple[PositionObservation, ...]:
+    """Return the fixes, those of a flight that known points contradict with as large a bias as the flat solution shows.
+
+    The flat solution has learnt it; a receiver that is metres off must not pull the full one either.
+    """
+    off: dict[int, list[FloatArray]] = {}
+    for o in fixes:
+        off.setdefault(o.flight, []).append(o.xy_map_m - starts[o.frame].view.centre[:2])
+    shown_m = {flight: float(np.hypot(*np.median(misses, axis=0))) for flight, misses in off.items()}
+    out = []
+    for o in fixes:
+        shown = shown_m[o.flight]
+        contradicted = 0.0 < BIAS_LIMIT * o.bias_sigma_m < shown
+        out.append(replace(o, bias_sigma_m=shown / math.sqrt(2.0)) if contradicted else o)
+    return tuple(out)
 
 
 def _used_points(solved: Solved, node: Mapping[int, int]) -> list[PointObservation]:

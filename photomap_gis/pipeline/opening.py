@@ -17,6 +17,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.georef import choose_map_frame, resolve_crs
 from photomap_gis.ingest import open_sources
 from photomap_gis.pipeline.settings import MapSettings, Progress
+from photomap_gis.reference import ReferenceImage
 from photomap_gis.store import Mission, MissionHeader
 
 _SETTINGS = TypeAdapter(MapSettings)
@@ -34,14 +35,18 @@ def open_mission(
     """Return the mission in ``folder`` and the settings that hold for it.
 
     A folder that holds a mission of the same sources and settings is resumed; of others it is a ``UsageError``.
-    ``with_control`` says that ground control will give a map without positions its place.
+    ``with_control`` says that ground control will give a map without positions its place; existing imagery may too.
     """
     if settings.crs is not None:
         resolve_crs(settings.crs)  # a wrong name is told before anyone waits
+    for reference in settings.references:
+        with ReferenceImage(Path(reference)):
+            pass  # so is a file that cannot be used
+    with_control = with_control or bool(settings.references)
     look = partial(on_progress, "look")
     if add:
         mission = Mission.open(folder)
-        known = _SETTINGS.validate_python(mission.header.settings)
+        known = kept_settings(mission)
         settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px,
                            antenna_offset_m=settings.antenna_offset_m if any(settings.antenna_offset_m)
                            else known.antenna_offset_m)  # fmt: skip
@@ -119,5 +124,9 @@ def _map_frame(footage: Footage, settings: MapSettings, *, with_control: bool = 
 
 
 def _shaping(settings: dict[str, object]) -> dict[str, object]:
-    """Return the settings that shape measurements: a resumed run may use other threads, memory and pixels."""
-    return {k: v for k, v in settings.items() if k not in {"workers", "memory_mb", "gsd_m_per_px"}}
+    """Return the settings that shape measurements: a resumed run may use other threads, memory and pixels.
+
+    References come in after all measuring, and the mission keeps what they say.
+    """
+    free = {"workers", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m"}
+    return {k: v for k, v in settings.items() if k not in free}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from photomap_gis.pipeline.flight import StageClock, finish, settle
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import kept_settings
 from photomap_gis.pipeline.prepare import SpectrumShelf
+from photomap_gis.pipeline.reference import take_references
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solve import PASTED, Solved, solve_mission
 from photomap_gis.pipeline.summary import MapSummary
@@ -100,6 +102,42 @@ def georeference(
         keep_control(mission, kept, solved.frames, settings.crs)
 
     return _solved_after(change, folder, on_progress)
+
+
+def reference_mission(
+    folder: Path,
+    references: Sequence[Path],
+    *,
+    sigma_m: float | None = None,
+    workers: int | None = None,
+    on_progress: Progress = lambda stage, done, total: None,
+) -> MapSummary:
+    """Lay a finished mission on existing imagery, draw and export its map, and return what there is to tell.
+
+    Its frames are read once more to be found in the imagery, and none is registered to another again. ``sigma_m`` is
+    the imagery's own constant error per axis (``None``: one of its pixels). Raises ``PhotomapError`` children.
+    """
+    clock = StageClock()
+    with Mission.open(folder) as mission:
+        before, settings = Solved.load(mission), replace(kept_settings(mission), workers=workers)
+        frames = before.frames
+        prepared = {p.frame: p for p in mission.prepared}
+        if any(f.index not in prepared for f in frames):
+            raise DataError(f"{folder} is not finished: run 'photomap map' on its sources again first")
+        _check_sources(mission, frames)
+        views = {f.index: plane_view(f) for f in frames}
+        frames = aligned(mission, frames, before.track_shifts_s)
+        measurements = Measurements(mission, SpectrumShelf(mission), prepared, settings, on_progress)
+        measurements.take_kept()
+        shifts_s = before.track_shifts_s
+        solve = partial(solve_mission, mission, frames, views, measurements, settings, shifts_s=shifts_s)
+        with clock("solve"):
+            solved = solve()
+        with clock("reference"):
+            solved = take_references(mission, solved, solve, references, sigma_m=sigma_m, on_progress=on_progress)
+        with clock("solve"):
+            solved = settle(mission, frames, views, measurements, settings, solved)
+        return finish(mission, solved, measurements, settings, clock, on_progress)
 
 
 def _solved_after(

@@ -23,7 +23,8 @@ class MapSettings:
 
     ``crs`` is what the user wrote (``None``: the right UTM zone), ``gsd_m_per_px`` the map's pixel (``None``: native).
     ``antenna_offset_m`` is where the GPS antenna sits from the camera: forward, right, down in the vehicle's axes.
-    ``work_size_px`` is the longer side of the images that are registered.
+    ``work_size_px`` is the longer side of the images that are registered. ``references`` are files of existing imagery
+    that the map is laid on, ``reference_sigma_m`` their own constant error per axis (``None``: one of their pixels).
     """
 
     ingest: IngestOptions = field(default_factory=IngestOptions)
@@ -34,12 +35,18 @@ class MapSettings:
     workers: int | None = None
     memory_mb: int = 512
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    references: tuple[str, ...] = ()
+    reference_sigma_m: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_off_nadir_deg < 90.0:
             raise UsageError(f"--max-off-nadir must lie between 0 and 90 degrees, got {self.max_off_nadir_deg:g}")
         if self.gsd_m_per_px is not None and not (math.isfinite(self.gsd_m_per_px) and self.gsd_m_per_px > 0):
             raise UsageError(f"--gsd must be a positive number of metres a pixel, got {self.gsd_m_per_px:g}")
+        if self.reference_sigma_m is not None and not (
+            math.isfinite(self.reference_sigma_m) and self.reference_sigma_m > 0
+        ):
+            raise UsageError(f"--reference-sigma must be a positive number of metres, got {self.reference_sigma_m:g}")
 
         if not all(math.isfinite(v) and abs(v) <= MAX_ANTENNA_OFFSET_M for v in self.antenna_offset_m):
             raise UsageError(

@@ -21,6 +21,7 @@ from photomap_gis.georef import accuracy, observe, plane_view, resolve_crs
 from photomap_gis.pipeline.control import ControlResult, control_observations
 from photomap_gis.pipeline.measure import Cluster, Measurements
 from photomap_gis.pipeline.settings import MapSettings
+from photomap_gis.pipeline.ties import reference_points, reference_warnings
 from photomap_gis.slam import (
     GraphBuilder,
     Leaning,
@@ -235,9 +236,9 @@ def solve_mission(
 ) -> Solved:
     """Build the graph of all accepted registrations and observations, solve it, and say what became of every frame.
 
-    Without ``with_control`` ground control is left out, and a map that it alone places stays relative. ``shifts_s`` are
-    the shifts of whole tracks, by flight, under which ``frames`` have their places; ``views`` are those that the frames
-    were registered by.
+    Without ``with_control`` ground control and existing imagery are left out, and a map that only they place stays
+    relative. ``shifts_s`` are the shifts of whole tracks, by flight, under which ``frames`` have their places;
+    ``views`` are those that the frames were registered by.
     """
     shifts_s = shifts_s or {}
     prepared, map_frame = measurements.prepared, mission.header.map_frame
@@ -256,6 +257,8 @@ def solve_mission(
     if with_control:
         unused = observe_control(builder, mission, usable, views, map_frame, measurements.accepted)
         graph = builder.snapshot()
+    if not graph.georeferenced:
+        map_frame = MapFrame(None)  # what placed the map was taken away again
     solution = solve(graph, find_lag=settings.ingest.track_offset_s is None)
     predicted = accuracy(solution, graph)
     trajectory = placements(solution, graph, usable, views, max_off_nadir_rad=settings.max_off_nadir_rad)
@@ -288,6 +291,7 @@ def solve_mission(
             *_warnings(frames, map_frame, settings),
             *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s)),
             *unused,
+            *reference_warnings(mission.references if with_control else ()),
         ),
         solution,
         points=graph.points,
@@ -328,16 +332,23 @@ def observe_control(
     map_frame: MapFrame,
     accepted: Sequence[RegistrationRecord],
 ) -> list[str]:
-    """Add what the mission's known points say in these views, and return what a user should know of unused ones."""
+    """Add what the mission's known points and its ties to existing imagery say in these views.
+
+    Returns what a user should know of points that could not be used.
+    """
     control = mission.load_control()
-    if not (control.points or control.picks):
-        return []
+    given = bool(control.points or control.picks)
     if map_frame.crs_wkt is None:
-        return ["the control points cannot place the map: two or more are needed that its pictures show"]
-    lenses = {f.index for f in usable if f.camera is not None and f.camera.focal_px is not None}
-    tried = {f for r in accepted for f in (r.a, r.b)} & lenses
-    points, unused = control_observations(control, usable, views, map_frame, tried)
-    builder.observe_points(points)
+        words = "the control points cannot place the map: two or more are needed that its pictures show"
+        return [words] if given else []
+    points: list[PointObservation] = []
+    unused: list[str] = []
+    if given:
+        lenses = {f.index for f in usable if f.camera is not None and f.camera.focal_px is not None}
+        tried = {f for r in accepted for f in (r.a, r.b)} & lenses
+        points, unused = control_observations(control, usable, views, map_frame, tried)
+    # control points come first: what the solver puts aside is counted in this order
+    builder.observe_points([*points, *reference_points(mission.references, {f.index: views[f.index] for f in usable})])
     return unused
 
 

@@ -7,8 +7,26 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from photomap_gis.core.control import Nudge
+from photomap_gis.core.tie import ReferenceTies
 from photomap_gis.pipeline.control import ControlResult, checked, residual_rms_m
 from photomap_gis.store import LensRecord
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceSummary:
+    """What came of a reference: places compared, frames tied to it, its pixel and its own constant error."""
+
+    path: str
+    gsd_m_per_px: float
+    sigma_m: float
+    places: int
+    ties: int
+    word: str
+
+    @classmethod
+    def of(cls, r: ReferenceTies) -> ReferenceSummary:
+        """Return the summary of what a mission keeps of a reference."""
+        return cls(r.path, r.gsd_m_per_px, r.sigma_m, r.tried, len(r.kept), r.word)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +59,7 @@ class MapSummary:
     control: tuple[ControlResult, ...] = ()
     nudges: tuple[Nudge, ...] = ()
     track_lags: Mapping[str, Mapping[str, float | bool]] = field(default_factory=dict)
+    references: tuple[ReferenceSummary, ...] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the JSON document of ``photomap map --json``."""
@@ -66,6 +85,7 @@ class MapSummary:
             "accuracy": accuracy_document(self.control),
             "nudges": [asdict(n) for n in self.nudges],
             "track_lags": {flight: dict(lag) for flight, lag in self.track_lags.items()},
+            "references": [asdict(r) for r in self.references],
         }
 
 

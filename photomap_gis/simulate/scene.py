@@ -24,10 +24,12 @@ def procedural_scene(
     seed: int = 0,
     *,
     origin_lat_lon: tuple[float, float] = DEFAULT_ORIGIN_LAT_LON,
+    sun_azimuth_deg: float | None = None,
 ) -> Ground:
     """Return a ground of ``size_m`` (east, north) metres: houses 3-12 m, rubble to 5 m, trees, roads, slope, shadows.
 
-    The same seed, size and pixel size give the same scene. Nothing in it repeats or is symmetric.
+    The same seed, size and pixel size give the same scene. Nothing in it repeats or is symmetric. ``sun_azimuth_deg``
+    (clockwise from north) shows it at another hour than its own.
     """
     if not (min(size_m) >= 10.0 and gsd_m > 0):
         raise ValueError(f"size_m must be at least 10 m and gsd_m positive, got {size_m}, {gsd_m}")
@@ -40,7 +42,12 @@ def procedural_scene(
     build_houses(canvas, max(2, round(area / 2_600.0)))
     plant_trees(canvas, trees=round(area / 420.0), bushes=round(area / 160.0))
     park_vehicles(canvas, roads, max(3, round(area / 1_500.0)))
-    shine(canvas, azimuth_rad=math.radians(rng.uniform(110, 250)), elevation_rad=math.radians(rng.uniform(38, 52)))
+    azimuth, elevation = rng.uniform(110, 250), rng.uniform(38, 52)
+    shine(
+        canvas,
+        azimuth_rad=math.radians(azimuth if sun_azimuth_deg is None else sun_azimuth_deg),
+        elevation_rad=math.radians(elevation),
+    )
     return placed_ground(canvas.colour, canvas.height_m, pixel_size_m=gsd_m, origin_lat_lon=origin_lat_lon)
 
 

@@ -41,7 +41,7 @@ def laid_on_points(
     found: dict[int, Fit] = {}
     for label in np.unique(relative.labels[near.node]):
         rows = np.flatnonzero(relative.labels[near.node] == label)
-        if len({points[near.row[k]].name or str(k) for k in rows}) < 2:
+        if len({tuple(points[near.row[k]].xy_map_m) for k in rows}) < 2:
             continue
         node = near.node[rows]
         q = np.exp(relative.w[node]) * near.plane[rows] + relative.t[node]

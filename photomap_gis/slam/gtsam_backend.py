@@ -140,7 +140,10 @@ def _add_unary(
     jacobian, miss = point_jacobians(problem, state), point_residuals(problem, state)
     for k in range(len(problem.points)):
         root = np.linalg.cholesky(weights.points[k] * problem.points.information[k]).T
-        add([(_pose_key(int(problem.points.node[k])), root @ jacobian[k])], -root @ miss[k])
+        blocks = [(_pose_key(int(problem.points.node[k])), root @ jacobian[k])]
+        if problem.points.bias[k] >= 0:
+            blocks.append((_bias_key(int(problem.points.bias[k])), root))
+        add(blocks, -root @ miss[k])
     for terms, residuals, weight, column in (
         (problem.scales, scale_residuals(problem, state), weights.scales, 3),
         (problem.headings, heading_residuals(problem, state), weights.headings, 2),

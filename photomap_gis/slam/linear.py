@@ -34,9 +34,9 @@ def position_residuals(problem: Problem, state: State) -> FloatArray:
 
 
 def point_residuals(problem: Problem, state: State) -> FloatArray:
-    """``(K, 2)`` ``T_map_plane p_plane - xy_map`` of every known point, metres."""
+    """``(K, 2)`` ``T_map_plane p_plane - xy_map`` of every known point, its reference's error added, metres."""
     p = problem.points
-    r = np.exp(state.w[p.node]) * p.plane + state.t[p.node] - p.z_m
+    r = np.exp(state.w[p.node]) * p.plane + state.t[p.node] - p.z_m + _optional(state.bias, p.bias)
     return np.stack([r.real, r.imag], axis=1)
 
 
@@ -192,9 +192,17 @@ class _Assembly:
         if not len(p):
             return
         j = point_jacobians(problem, state)
-        left = j.transpose(0, 2, 1) @ (weights[:, None, None] * p.information)
+        information = weights[:, None, None] * p.information
+        r = (information @ point_residuals(problem, state)[:, :, None])[:, :, 0]
+        left = j.transpose(0, 2, 1) @ information
         self.add_blocks(4 * p.node, 4 * p.node, left @ j)
-        self.add_gradient(4 * p.node, (left @ point_residuals(problem, state)[:, :, None])[:, :, 0])
+        self.add_gradient(4 * p.node, np.einsum("nij,ni->nj", j, r))
+        has = p.bias >= 0
+        node, bias = 4 * p.node[has], 4 * problem.n_nodes + 2 * len(problem.drift) + 2 * p.bias[has]
+        self.add_blocks(node, bias, left[has])
+        self.add_blocks(bias, node, left[has].transpose(0, 2, 1))
+        self.add_blocks(bias, bias, information[has])
+        self.add_gradient(bias, r[has])
 
     def add_drift(self, problem: Problem, state: State) -> None:
         d = problem.drift

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.posegraph import Edge, Pose, PoseGraph, Solution
+from photomap_gis.core.similarity import FloatArray
 from photomap_gis.slam import scipy_backend
 from photomap_gis.slam.anchor import anchor
 from photomap_gis.slam.bridges import contradicted_bridges
@@ -44,6 +45,8 @@ logger = logging.getLogger(__name__)
 
 Backend = Literal["auto", "gtsam", "scipy"]
 
+BIAS_LIMIT = 2.45
+"""Sigmas per axis that a flight's bias is believed to reach: 95 % of them stay within."""
 MAX_SPLITS = 4
 """How often a graph that falls apart under rejection is laid out anew."""
 
@@ -168,7 +171,8 @@ def _place(graph: PoseGraph, frames: IntArray, edges: EdgeTerms, relative: Relat
         point_terms(graph.points, {int(frames[k]): int(new[k]) for k in nodes}, np.exp(w.real[nodes]))
         if on_map
         else PointTerms.none()
-    )
+    ).after(len(bias))
+    bias = np.concatenate([bias, points.reference_sigma_m])
     problem = Problem(
         len(nodes), replace(inner, a=new[inner.a], b=new[inner.b]), positions, drift, bias,
         _renumbered(scales, new), _renumbered(headings, new), new[fixed][new[fixed] >= 0], points,
@@ -177,7 +181,23 @@ def _place(graph: PoseGraph, frames: IntArray, edges: EdgeTerms, relative: Relat
     trust = Weights.ones(problem).with_edges(relative.edge_weights[inside])
     if len(points):
         start, trust = _before_points(problem, start, trust, relative.labels[nodes], minimise)
-    return Placed(nodes, problem, inside, optimise(problem, start, trust, minimise))
+    robust = optimise(problem, start, trust, minimise)
+    if len(points):
+        sigma = _shown_bias_sigma(problem, robust.state, len(problem.bias_sigma_m) - len(points.reference_sigma_m))
+        if not np.array_equal(sigma, problem.bias_sigma_m):
+            problem = replace(problem, bias_sigma_m=sigma)
+            robust = optimise(problem, robust.state, robust.trust, minimise)
+    return Placed(nodes, problem, inside, robust)
+
+
+def _shown_bias_sigma(problem: Problem, state: State, n_flights: int) -> FloatArray:
+    """``(F,)`` sigmas of the biases; of a flight whose GPS known points contradict, as large as they show its bias.
+
+    A receiver that is 8 m off says nothing of that, and would pull the map by a share of it if it were believed.
+    """
+    shown = np.abs(state.bias) / np.sqrt(2.0)
+    contradicted = (np.abs(state.bias) > BIAS_LIMIT * problem.bias_sigma_m) & (np.arange(len(shown)) < n_flights)
+    return np.where(contradicted, shown, problem.bias_sigma_m)
 
 
 def _before_points(

@@ -4,7 +4,7 @@ A similarity of the plane is a pair of complex numbers: ``p_map = exp(w) p_plane
 and x + iy for a point. All of the group's geometry is then complex-linear, and thousands of edges are one array.
 
 Unknowns, in this order: the poses (4 each, order ``DOF``), the slowly drifting GPS errors (2 each, metres), one
-constant GPS bias a flight (2 each, metres).
+constant GPS bias a flight and one constant error a reference (2 each, metres).
 """
 
 from __future__ import annotations
@@ -107,7 +107,8 @@ class PointTerms:
     """K known points seen in frames: node, place in its plane (x + iy), place on the map (x + iy, metres).
 
     ``information`` is ``(K, 2, 2)`` of the place on the map, the picture's side included; ``kind`` counts the kinds,
-    ``row`` is the observation's index in the graph.
+    ``row`` is the observation's index in the graph. ``bias`` is which of the ``reference_sigma_m`` (one a reference)
+    is the point's constant error, -1 for none; in a ``Problem`` they are numbered behind the flights' biases.
     """
 
     node: IntArray
@@ -116,12 +117,18 @@ class PointTerms:
     information: FloatArray
     kind: IntArray
     row: IntArray
+    bias: IntArray
+    reference_sigma_m: FloatArray
 
     @classmethod
     def none(cls) -> PointTerms:
         """Return no points."""
         i, z = np.zeros(0, np.intp), np.zeros(0, complex)
-        return cls(i, z, z, np.zeros((0, 2, 2)), i, i)
+        return cls(i, z, z, np.zeros((0, 2, 2)), i, i, i, np.zeros(0))
+
+    def after(self, n_flights: int) -> PointTerms:
+        """Return the terms with their biases numbered behind those of the flights."""
+        return replace(self, bias=np.where(self.bias >= 0, self.bias + n_flights, -1).astype(np.intp))
 
     def __len__(self) -> int:
         return len(self.node)
@@ -276,15 +283,19 @@ def point_terms(
     """Return the points that enter the fit; ``gsd_m_per_px`` is ``(N,)`` what a pixel of each node's plane measures.
 
     Where a point was surveyed a hand's breadth off, it is so in every picture: n observations of a name say no more
-    of its place than one, so each carries n times that covariance beside its own error in the picture.
+    of its place than one, so each carries n times that covariance beside its own error in the picture. A reference
+    is off by one and the same vector everywhere: that is an unknown of its own, of the covariance's sigma.
     """
     numbers = ((*o.xy_plane, *o.xy_map_m, *np.ravel(o.covariance_m2), o.sigma_px) for o in observations)
     finite = [bool(np.isfinite(n).all()) for n in numbers]
     rows = [k for k, o in enumerate(observations) if not o.check and o.frame in node_of and finite[k]]
     kept = [observations[k] for k in rows]
     seen = Counter((o.kind, o.name) for o in kept if o.name)
+    references = sorted({o.name for o in kept if o.kind is PointKind.REFERENCE})
+    biased = [o.kind is PointKind.REFERENCE for o in kept]
     node = np.array([node_of[o.frame] for o in kept], np.intp)
-    place = np.array([o.covariance_m2 * seen.get((o.kind, o.name), 1) for o in kept]).reshape(-1, 2, 2)
+    share = [0 if b else seen.get((o.kind, o.name), 1) for o, b in zip(kept, biased, strict=True)]
+    place = np.array([o.covariance_m2 * n for o, n in zip(kept, share, strict=True)]).reshape(-1, 2, 2)
     picture = np.array([o.sigma_px for o in kept]) * gsd_m_per_px[node]
     kinds = list(PointKind)
     return PointTerms(
@@ -294,7 +305,16 @@ def point_terms(
         _inverse_spd(place + (picture**2)[:, None, None] * np.eye(2), floor=MIN_POINT_SIGMA_M**2),
         np.array([kinds.index(o.kind) for o in kept], np.intp),
         np.array(rows, np.intp),
-    )
+        np.array([references.index(o.name) if b else -1 for o, b in zip(kept, biased, strict=True)], np.intp),
+        np.array([_constant_sigma([o for o, b in zip(kept, biased, strict=True) if b and o.name == r])
+                  for r in references]),
+    )  # fmt: skip
+
+
+def _constant_sigma(observations: Sequence[PointObservation]) -> float:
+    """Return the sigma per axis of a reference's constant error."""
+    covariance = np.mean([o.covariance_m2 for o in observations], axis=0)
+    return max(math.sqrt(float(np.trace(covariance)) / 2.0), MIN_POINT_SIGMA_M)
 
 
 def _inverse_spd(covariance: FloatArray, floor: float = 0.0) -> FloatArray:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photomap_gis.core.posegraph import Edge, EdgeKind, PointObservation, PositionObservation
+from photomap_gis.core.posegraph import Edge, EdgeKind, PointKind, PointObservation, PositionObservation
 from photomap_gis.core.similarity import Similarity2D, transform_jacobian
 from photomap_gis.slam.linear import (
     cost,
@@ -52,7 +52,13 @@ def random_problem(rng, n=5):
         PointObservation(k, np.zeros(2), rng.normal(size=2) * 3, rng.normal(size=2) * 10, np.diag([2.0, 0.5]), 0.7)
         for k in (1, 1, n - 1)
     ]
-    points = point_terms(known, node_of, np.ones(n))
+    known += [
+        PointObservation(k, np.zeros(2), rng.normal(size=2) * 3, rng.normal(size=2) * 10, np.eye(2) * 0.25, 0.7,
+                         name, kind=PointKind.REFERENCE)
+        for k, name in ((0, "new"), (2, "old"), (2, "new"))
+    ]  # fmt: skip
+    points = point_terms(known, node_of, np.ones(n)).after(len(bias))
+    bias = np.concatenate([bias, points.reference_sigma_m])
     terms = edge_terms(edges, node_of), positions, drift, bias, *scalars, np.zeros(0, np.intp), points
     problem = Problem(n, *terms)
 
@@ -98,7 +104,8 @@ def test_points_are_where_the_poses_put_them(rng):
     for k, (r, j) in enumerate(zip(point_residuals(problem, state), point_jacobians(problem, state), strict=True)):
         pose = state.pose(p.node[k])
         at = np.array([p.plane[k].real, p.plane[k].imag])
-        np.testing.assert_allclose(r, pose.apply(at) - [p.z_m[k].real, p.z_m[k].imag], atol=1e-12)
+        off = p.z_m[k] - (state.bias[p.bias[k]] if p.bias[k] >= 0 else 0.0)
+        np.testing.assert_allclose(r, pose.apply(at) - [off.real, off.imag], atol=1e-12)
         np.testing.assert_allclose(j, transform_jacobian(pose, at)[0], atol=1e-12)
         for column in range(4):
             d = np.zeros(problem.size)

@@ -1,0 +1,1 @@
+"""The place on Earth, measured on simulated flights with known truth."""
