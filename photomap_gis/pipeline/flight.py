@@ -34,7 +34,7 @@ from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
 from photomap_gis.pipeline.reference import take_references
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.pipeline.solve import Solved, solve_mission
+from photomap_gis.pipeline.solve import Solved, lag_warnings, solve_mission
 from photomap_gis.pipeline.summary import MapSummary, ReferenceSummary
 from photomap_gis.store import ControlRecord, Mission
 
@@ -131,10 +131,13 @@ def settle(
     solved: Solved,
 ) -> Solved:
     """Return the last solution posed in space, corrected by hand, and with what its known points make of it."""
-    aside = set(() if solved.solution is None else solved.solution.rejected_points)
+    # Behind the control points lie the ties to imagery, which tell of themselves.
+    points = [p for p in solved.points if p.kind is PointKind.CONTROL]
+    rejected = () if solved.solution is None else solved.solution.rejected_points
+    aside = {k for k in rejected if k < len(points)}
     flat = solved
     solved = solve_in_space(frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m)
-    on_flat, on_posed = (judge_points(s.points, aside, s.trajectory) for s in (flat, solved))
+    on_flat, on_posed = (judge_points(points, aside, s.trajectory) for s in (flat, solved))
     if misses_its_points(on_posed, on_flat):
         logger.info("cameras posed in space miss the control points: the flat solution stands")
         solved = flat
@@ -142,12 +145,10 @@ def settle(
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)
         solved = replace(solved, trajectory=moved(solved.trajectory, motion))
-    # Behind the control points lie the ties to imagery, which tell of themselves.
-    points = [p for p in solved.points if p.kind is PointKind.CONTROL]
-    aside = {k for k in aside if k < len(points)}
     results = judge_points(points, aside, solved.trajectory)
     names = {f.index: f.name for f in frames}
-    words = words_on(results, points, sorted(aside), names)
+    words = lag_warnings(mission, solved.fix_lags)
+    words += words_on(results, points, sorted(aside), names)
     words += words_on_checks(points, solved.trajectory, names)
     return replace(solved, control=results, warnings=(*solved.warnings, *words))
 

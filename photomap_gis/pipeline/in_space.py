@@ -13,15 +13,15 @@ import numpy as np
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.frame import FrameRef, level_rotation
 from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
-from photomap_gis.core.posegraph import PointObservation, PositionObservation, Trajectory
+from photomap_gis.core.posegraph import PointObservation, PositionObservation, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
 from photomap_gis.ifmi.template import GRID
 from photomap_gis.pipeline.measure import Measurements
-from photomap_gis.pipeline.solve import Solved
+from photomap_gis.pipeline.solve import Solved, whole_lags
 from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
 from photomap_gis.slam.bundle.fixes import fix_information
-from photomap_gis.slam.lag import without_lag
+from photomap_gis.slam.lag import lags_by_flight, without_lag
 from photomap_gis.slam.optimize import BIAS_LIMIT
 from photomap_gis.slam.place import GPS_METHOD
 from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
@@ -74,16 +74,17 @@ def solve_in_space(
     fixes: tuple[PositionObservation, ...] = ()
     if solved.georeferenced:
         placed = [starts[f].ref for f in order]
-        seen = observe(placed, solved.map_frame, of_cameras=True, antenna_offset_m=antenna_offset_m)
-        fixes = seen.positions
-        if solved.solution is not None:
-            fixes = without_lag(solved.solution, fixes, dict(solved.solution.fix_lags_s))
+        fixes = observe(placed, solved.map_frame, of_cameras=True, antenna_offset_m=antenna_offset_m).positions
     points = _used_points(solved, node)
     if points:
         fixes = _as_biased_as_shown(fixes, starts)
     problem = _problem([starts[f] for f in order], node, ties, fixes, points)
     try:
         bundle = bundle_adjust(problem)
+        if solved.solution is not None and solved.solution.fix_lags_s:
+            # a camera that looks ahead looks like a late fix on the plane; in space they are told apart
+            solved, fixes = _in_time(solved, solved.solution, bundle, node, fixes)
+            bundle = bundle_adjust(_problem([starts[f] for f in order], node, ties, fixes, points))
     except np.linalg.LinAlgError as error:
         logger.warning("cameras could not be posed in space (%s): the flat solution stands", error)
         return solved
@@ -91,6 +92,28 @@ def solve_in_space(
     if not bundle.rms_px < bundle.rms_before_px:
         return solved
     return _posed(solved, bundle, problem, node)
+
+
+def _in_time(
+    solved: Solved,
+    solution: Solution,
+    bundle: Bundle,
+    node: Mapping[int, int],
+    fixes: tuple[PositionObservation, ...],
+) -> tuple[Solved, tuple[PositionObservation, ...]]:
+    """Return the solution with the lags that the cameras' path in space tells, and the fixes freed of them."""
+    moved = {f: bundle.centre[k] for f, k in node.items()}
+    path = replace(
+        solution,
+        poses=tuple(
+            replace(p, T_map_plane=replace(p.T_map_plane, tx=float(moved[p.frame][0]), ty=float(moved[p.frame][1])))
+            for p in solution.poses
+            if p.frame in moved
+        ),
+    )
+    lags = lags_by_flight(path, fixes)
+    believed = {flight: lag.lag_s for flight, lag in lags.items() if lag.believed}
+    return replace(solved, fix_lags=whole_lags(lags, solved.track_shifts_s)), without_lag(path, fixes, believed)
 
 
 def _starts(refs: Mapping[int, FrameRef], solved: Solved) -> dict[int, _Start]:

@@ -289,13 +289,12 @@ def solve_mission(
         None if predicted is None else predicted.predicted_ce90_m,
         (
             *_warnings(frames, map_frame, settings),
-            *_lag_warnings(mission, whole_lags := _whole_lags(solution, shifts_s)),
             *unused,
             *reference_warnings(mission.references if with_control else ()),
         ),
         solution,
         points=graph.points,
-        fix_lags=whole_lags,
+        fix_lags=whole_lags(solution.fix_lags, shifts_s),
         track_shifts_s=shifts_s,
     )
 
@@ -411,16 +410,17 @@ def plane_outline(view: PlaneView) -> FloatArray:
     return view.to_plane([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
 
 
-def _whole_lags(solution: Solution, shifts_s: Mapping[int, float]) -> dict[int, FixLag]:
+def whole_lags(fine: Mapping[int, FixLag], shifts_s: Mapping[int, float]) -> dict[int, FixLag]:
     """Return each flight's lag: what its whole track was shifted by, and what the solver found after that."""
-    lags = dict(solution.fix_lags)
+    lags = dict(fine)
     for flight, shift in shifts_s.items():
-        fine = lags.get(flight, FixLag(0.0, UNREFINED_SIGMA_S))
-        lags[flight] = FixLag(shift + fine.lag_s, fine.sigma_s)
+        left = lags.get(flight, FixLag(0.0, UNREFINED_SIGMA_S))
+        lags[flight] = FixLag(shift + left.lag_s, left.sigma_s)
     return lags
 
 
-def _lag_warnings(mission: Mission, lags: Mapping[int, FixLag]) -> list[str]:
+def lag_warnings(mission: Mission, lags: Mapping[int, FixLag]) -> list[str]:
+    """Return what a user should know of clocks that were found to be off."""
     names = {f.id: f.name for f in mission.flights}
     words = (
         "{}: positions were {:+.2f} s older than the pictures by the motion seen (sigma {:.2f} s); corrected; "

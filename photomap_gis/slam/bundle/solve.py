@@ -21,7 +21,7 @@ from photomap_gis.slam.bundle.equations import (
 from photomap_gis.slam.bundle.ground import fit_ground
 from photomap_gis.slam.bundle.marks import MarkTerms, mark_terms
 from photomap_gis.slam.bundle.model import Linearised, cameras_of, linearise, residuals, sight
-from photomap_gis.slam.bundle.problem import BundleProblem, BundleState
+from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, exp_rotation, log_rotation
 
 FIRST_RELIEF = 0.03
 """Before looking, the ground may lie off its middle level by this share of the flying height."""
@@ -41,7 +41,8 @@ OBSERVABLE = 0.5
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
-GROWTH = 0.3
+MOUNT_SPREAD = 3.0
+"""A mount may lean by so many times what a frame leans besides."""
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
 LARGE = 1500
@@ -97,8 +98,9 @@ def bundle_adjust(problem: BundleProblem) -> Bundle:
         return _adjusted(problem)
 
 
-def _adjusted(problem: BundleProblem) -> Bundle:
-    state = BundleState.start(problem)
+def _adjusted(asked: BundleProblem) -> Bundle:
+    state = BundleState.start(asked)
+    problem = _with_mounts(asked, state)
     height = float(np.median(-state.centre[:, 2]))
     gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
     free = np.zeros((len(problem.lenses), 2), bool)
@@ -111,6 +113,7 @@ def _adjusted(problem: BundleProblem) -> Bundle:
         state, at, equations = _descend(problem, state, prior, free, gsd, ground)
         if round_ == 0:
             free = _observable(problem, state, at, prior)
+        problem = _with_mounts(asked, state)
         state = _levelled_off(problem, state)
         if round_ < LEVEL_ROUNDS:
             continue
@@ -121,6 +124,7 @@ def _adjusted(problem: BundleProblem) -> Bundle:
             break
     prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
     state, at, equations = _descend(problem, state, prior, free, gsd, replace(ground, sigma=relief))
+    state, ground = _sized(problem, state, ground)
     inverse = inverse_spd(equations.H)
     n = len(problem.views)
     covariance = np.stack([inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)]).reshape(n, 6, 6)
@@ -201,7 +205,7 @@ def _spot_prior(
 ) -> SpotPrior:
     """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
 
-    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides; heights may grow with the world.
+    The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides.
     """
     xy = _spots_xy(problem, state)
     z = -ground.at(xy)
@@ -210,11 +214,58 @@ def _spot_prior(
         return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0))
     reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
     u, v = ((xy - np.median(xy, axis=0)) / reach).T
-    # all heights may grow together: they do with the whole world, whose size only fixes and heights tell
-    grown = (state.z - z, z - z.mean())
-    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0, *grown], axis=1)
-    sigma = np.array([*reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl]), GROWTH, GROWTH])
+    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
+    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
     return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma)
+
+
+def _with_mounts(problem: BundleProblem, state: BundleState) -> BundleProblem:
+    """Return the problem with its cameras expected to lean as those of their lens do on the whole.
+
+    A mount that looks ahead does so in every frame: strips flown to and fro tell it from sloping ground.
+    """
+    views = list(problem.views)
+    for lens in range(len(problem.lenses)):
+        of = [k for k, v in enumerate(views) if v.lens == lens]
+        expected = np.array([views[k].R_prior for k in of])
+        lean = np.mean(log_rotation(expected.transpose(0, 2, 1) @ state.R[of])[:, :2], axis=0)
+        spread = float(np.median([views[k].tilt_sigma_rad for k in of]))
+        mount = MOUNT_SPREAD * spread
+        lean = lean * mount**2 / (mount**2 + spread**2 / len(of))
+        turn = exp_rotation(np.array([[lean[0], lean[1], 0.0]]))[0]
+        for k in of:
+            views[k] = replace(views[k], R_prior=views[k].R_prior @ turn)
+    return replace(problem, views=tuple(views))
+
+
+def _sized(problem: BundleProblem, state: BundleState, ground: HeightField) -> tuple[BundleState, HeightField]:
+    """Return world and ground as large as fixes and known points say, and where.
+
+    That the ground is taken to be smooth favours a smaller world, in which all heights are smaller: a pull that only the
+    world's size is loose enough to give way to, and that only this takes back.
+    """
+    marked = _marked(problem, state, ground)
+    seen = np.zeros((0, 2)) if marked is None else problem.marks.xy_map + marked.residual
+    here = np.concatenate([state.centre[problem.fix_of, :2], seen])
+    there = np.concatenate([problem.fix_xy, problem.marks.xy_map])
+    if len(np.unique(there, axis=0)) < 2:
+        return state, ground
+    information = np.zeros((2 * len(here), 2 * len(here)))
+    n = 2 * len(problem.fix_of)
+    information[:n:2, :n:2] = information[1:n:2, 1:n:2] = problem.fix_information
+    if marked is not None:
+        information[n:, n:] = marked.information
+    middle = here.mean(axis=0)
+    A = np.zeros((2 * len(here), 3))
+    A[::2, 0] = A[1::2, 1] = 1.0
+    A[:, 2] = (here - middle).ravel()
+    *shift, growth = np.linalg.solve(A.T @ information @ A, A.T @ information @ (there - here).ravel())
+    size = 1.0 + float(growth)
+    centre = state.centre * size
+    centre[:, :2] += middle * (1.0 - size) + shift
+    x, y = np.asarray(ground.origin_xy) * size + middle * (1.0 - size) + shift
+    grown = HeightField((float(x), float(y)), ground.cell * size, ground.up * size, ground.sigma * size)
+    return replace(state, centre=centre, z=state.z * size), grown
 
 
 def _spots_xy(problem: BundleProblem, state: BundleState) -> FloatArray:
