@@ -241,8 +241,8 @@ def _with_mounts(problem: BundleProblem, state: BundleState) -> BundleProblem:
 def _sized(problem: BundleProblem, state: BundleState, ground: HeightField) -> tuple[BundleState, HeightField]:
     """Return world and ground as large as fixes and known points say, and where.
 
-    That the ground is taken to be smooth favours a smaller world, in which all heights are smaller: a pull that only the
-    world's size is loose enough to give way to, and that only this takes back.
+    That the ground is taken to be smooth favours a smaller world, in which all heights are smaller: a pull that only
+    the world's size is loose enough to give way to, and that only this takes back.
     """
     marked = _marked(problem, state, ground)
     seen = np.zeros((0, 2)) if marked is None else problem.marks.xy_map + marked.residual
