@@ -19,7 +19,7 @@ from photomap_gis.mosaic import TileStore
 from photomap_gis.pipeline.control import checked, residual_rms_m
 from photomap_gis.pipeline.draw import DrawnMap
 from photomap_gis.pipeline.settings import Progress
-from photomap_gis.pipeline.solve import Solved
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.publish import file_in_place_of
 from photomap_gis.store import Mission
 

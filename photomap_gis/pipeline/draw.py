@@ -11,7 +11,7 @@ from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.mosaic import TileStore, plan_grid, render_mosaic
 from photomap_gis.pipeline.prepare import read_pixels
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.pipeline.solve import Solved
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.store import Mission
 
 

@@ -34,7 +34,8 @@ from photomap_gis.pipeline.opening import open_mission
 from photomap_gis.pipeline.prepare import SpectrumShelf, prepare_frames
 from photomap_gis.pipeline.reference import take_references
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.pipeline.solve import Solved, lag_warnings, solve_mission
+from photomap_gis.pipeline.solve import lag_warnings, solve_mission
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.pipeline.summary import MapSummary, ReferenceSummary
 from photomap_gis.store import ControlRecord, Mission
 

@@ -18,7 +18,8 @@ from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import HEIGHT_SIGMA_M, HEIGHT_SIGMA_REL, MIN_HEIGHT_M, observe, predicted_ce90_m
 from photomap_gis.ifmi.template import GRID
 from photomap_gis.pipeline.measure import Measurements
-from photomap_gis.pipeline.solve import Solved, whole_lags
+from photomap_gis.pipeline.solve import whole_lags
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
 from photomap_gis.slam.bundle.fixes import fix_information
 from photomap_gis.slam.lag import lags_by_flight, without_lag

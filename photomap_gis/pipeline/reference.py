@@ -22,7 +22,7 @@ from photomap_gis.ifmi import Prior, Spectrum, make_spectrum, register
 from photomap_gis.ifmi.working import to_grey
 from photomap_gis.pipeline.prepare import read_pixels
 from photomap_gis.pipeline.settings import Progress
-from photomap_gis.pipeline.solve import Solved
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.reference import Expected, Patch, ReferenceImage, agreed, find_ties, locations, places_of
 from photomap_gis.store import Mission
 

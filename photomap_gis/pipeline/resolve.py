@@ -27,7 +27,8 @@ from photomap_gis.pipeline.opening import kept_settings
 from photomap_gis.pipeline.prepare import SpectrumShelf
 from photomap_gis.pipeline.reference import take_references
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.pipeline.solve import PASTED, Solved, solve_mission
+from photomap_gis.pipeline.solve import solve_mission
+from photomap_gis.pipeline.solved import PASTED, Solved
 from photomap_gis.pipeline.summary import MapSummary
 from photomap_gis.store import ControlRecord, Mission
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from photomap_gis.pipeline.solve import Solved
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.pipeline.summary import accuracy_document, control_document, control_lines
 from photomap_gis.store import Mission
 

@@ -15,7 +15,8 @@ from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.settings import MapSettings
-from photomap_gis.pipeline.solve import Solved, solve_mission
+from photomap_gis.pipeline.solve import lag_warnings, solve_mission
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.store import Mission, MissionHeader, PreparedFrame, RegistrationRecord
 
 PLAN = Plan(150, strip_m=150.0, forward=0.72)
@@ -110,7 +111,8 @@ def test_shift_and_fine_lag_are_told_as_one(mission_of):
     shifts = track_shifts(mission, frames, measurements.accepted, prepared)
     solved = solve_mission(mission, aligned(mission, frames, shifts), views, measurements, settings, shifts_s=shifts)
     assert solved.fix_lags[0].lag_s == pytest.approx(25.2, abs=0.1) and solved.fix_lags[0].sigma_s < 0.1
-    assert any("+25.2" in w or "+25.1" in w for w in solved.warnings)
+    (word,) = lag_warnings(mission, solved.fix_lags)
+    assert "+25.2" in word or "+25.1" in word
     solved.save(mission)
     again = Solved.load(mission)
     assert (again.fix_lags, again.track_shifts_s) == (solved.fix_lags, solved.track_shifts_s)

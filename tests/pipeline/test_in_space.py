@@ -7,7 +7,7 @@ import pytest
 
 from photomap_gis.core.placement import PlanePlacement, PosedPlacement
 from photomap_gis.pipeline import map_flight
-from photomap_gis.pipeline.solve import Solved
+from photomap_gis.pipeline.solved import Solved
 from photomap_gis.simulate import FlightSpec, Motion, run_simulation
 from photomap_gis.simulate.evaluate import evaluate_map
 from photomap_gis.store import Mission
