@@ -64,10 +64,10 @@ def test_each_limit_is_noticed(change: dict, name: str) -> None:
     assert _row(replace(GOOD, **change)).broken == [name]
 
 
-def test_unreported_jitter_may_bend_the_map_more() -> None:
-    bent = replace(GOOD, relative_rmse_m=1.4)
-    assert _row(bent, "unreported").broken == []
-    assert _row(bent, "level").broken == ["relative"]
+def test_each_attitude_has_its_own_limit() -> None:
+    bent = replace(GOOD, relative_rmse_m=0.25)
+    assert _row(bent, "leaning").broken == []
+    assert _row(bent, "unreported").broken == ["relative"]
 
 
 def test_the_table_has_a_line_for_each_flight() -> None:

@@ -136,6 +136,14 @@ def test_a_shadow_and_a_change_of_exposure_are_no_jump(take):
     assert take.judge(shaded).fault is None
 
 
+def test_a_picture_that_rolled_over_without_a_visible_cut_is_told(rng):
+    """Bare ground shows no seam; what lies at the other end fits there and nowhere near."""
+    land = cv2.GaussianBlur(rng.normal(0.0, 1.0, (700, 700)), (0, 0), 5.0)
+    land = np.clip(128.0 + 30.0 * land / land.std(), 0, 255).astype(np.uint8)
+    before, frame = noisy(rng, land[200:440, 100:420], 1.0), noisy(rng, land[206:446, 104:424], 1.0)
+    assert not judge_registered(np.roll(frame, 90, axis=0), before, registered(Similarity2D.translation_of(4, -84))).ok
+
+
 def test_text_over_both_frames_is_masked_but_no_fault(take):
     """The telemetry of every frame: the frame is sound, its text is no ground."""
     frames = [take.before.copy(), take.frame.copy()]

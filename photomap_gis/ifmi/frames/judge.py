@@ -23,7 +23,7 @@ STRIPED = 0.004
 SNOW_COHERENCE, SNOW_LIKENESS, SNOW_DEVIATION = 0.33, 0.35, 6.0
 SMEARED_SHARE, BLOCKY_SHARE, CORNERED_SHARE = 0.0125, 0.06, 0.003
 """Shares that are as good as certain; half of them is an even bet."""
-TORN_RATIO = 2.0
+TORN_RATIO = 1.6
 """Two rows that differ so much more than those around them are an even bet."""
 LIKELY = 0.95
 

@@ -35,7 +35,10 @@ LEAST_AGREEMENT = 0.55
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
-SEAM_ROWS, SEAM_RATIO, SEAM_OVER_USUAL = 20, 1.03, 1.05
+NEARBY = tuple(float(v) for s in (-1.0, 1.0) for v in s * np.arange(0.04, 0.2, 0.0125))
+"""Where else the other end is laid, as shares of the longer side: periods of furrows and rows are among them."""
+WORSE = 0.2
+SEAM_ROWS, SEAM_RATIO, SEAM_OVER_USUAL = 20, 1.1, 1.05
 OBVIOUS_SEAM, ORDINARY_CUT = 5.0, 2.0
 """A cut so much sharper than anything the predecessor shows, where that ends, is the end of a picture."""
 
@@ -94,17 +97,32 @@ def _is_wrapped(look: FrameLook, before: FrameLook, found: Fit, H_a_b: FloatArra
         lines = unseen.mean(axis=1 - axis) > 0.9
         if lines.mean() < WRAPPED_SHARE or not (lines[0] or lines[-1]):
             continue
-        sign = 1.0 if lines[0] else -1.0
-        shift = np.array([[1.0, 0.0, sign * dx], [0.0, 1.0, sign * dy], [0.0, 0.0, 1.0]])
         seam = _seam(look.fine, axis, lines)
         if seam > OBVIOUS_SEAM and _cuts(before.fine, axis).max(initial=0.0) < ORDINARY_CUT:
             return True
-        if seam < SEAM_RATIO:
-            continue
-        other = fit(look, before, np.asarray(H_a_b @ shift, np.float64))
-        if other.agreement > WRAPPED_AGREEMENT and other.overlap > WRAPPED_COVER * float(unseen.mean()):
+        sign = 1.0 if lines[0] else -1.0
+        rolled = np.array([[1.0, 0.0, sign * dx], [0.0, 1.0, sign * dy], [0.0, 0.0, 1.0]])
+        other = fit(look, before, np.asarray(H_a_b @ rolled, np.float64))
+        if (
+            other.agreement > WRAPPED_AGREEMENT
+            and other.overlap > WRAPPED_COVER * float(unseen.mean())
+            and (seam > SEAM_RATIO or _fits_only_there(look, before, H_a_b, rolled, other.agreement))
+        ):
             return True
     return False
+
+
+def _fits_only_there(
+    look: FrameLook, before: FrameLook, H_a_b: FloatArray, rolled: FloatArray, agreement: float
+) -> bool:
+    """Tell whether the other end fits worse a little before and after: ground that repeats itself fits there too."""
+    step = rolled[:2, 2] / np.linalg.norm(rolled[:2, 2]) * max(look.shape)
+    for share in NEARBY:
+        near = rolled.copy()
+        near[:2, 2] += share * step
+        if fit(look, before, np.asarray(H_a_b @ near, np.float64)).agreement > agreement - WORSE:
+            return False
+    return True
 
 
 def _seam(fine: ImageArray, axis: int, unseen: npt.NDArray[np.bool_]) -> float:
