@@ -16,6 +16,7 @@ from photomap_gis.slam.bundle.equations import (
     inverse_spd,
     prior_cost,
     reduced_equations,
+    runs_of,
     solve_spd,
 )
 from photomap_gis.slam.bundle.ground import fit_ground
@@ -41,6 +42,8 @@ OBSERVABLE = 0.5
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
+INDEPENDENT = 8.0
+"""Ties of one pair that count as independent."""
 MOUNT_SPREAD = 3.0
 """A mount may lean by so many times what a frame leans besides."""
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
@@ -125,7 +128,7 @@ def _adjusted(asked: BundleProblem) -> Bundle:
     prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
     state, at, equations = _descend(problem, state, prior, free, gsd, replace(ground, sigma=relief))
     state, ground = _sized(problem, state, ground)
-    inverse = inverse_spd(equations.H)
+    inverse = inverse_spd(_believed(problem, state, at, prior, free, ground))
     n = len(problem.views)
     covariance = np.stack([inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)]).reshape(n, 6, 6)
     return Bundle(
@@ -291,10 +294,24 @@ def _ground_of(
     return fit_ground(xy[known], -state.z[known], spot_sigma[known], cell)
 
 
+def _believed(
+    problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior, free: np.ndarray, ground: HeightField
+) -> FloatArray:
+    """Return the normal matrix as far as it is to be believed.
+
+    The ties of a pair share what is wrong with it (a lens's higher terms, a rolling shutter, leaves in the wind): they
+    are as good as a few that share nothing.
+    """
+    pairs = len(runs_of(problem.ties.a, problem.ties.b))
+    share = min(1.0, INDEPENDENT * pairs / max(len(problem.ties), 1))
+    marked = _marked(problem, state, ground)
+    return reduced_equations(problem, state, at.found, share * at.information, prior, free, marked).H
+
+
 def _observable(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> np.ndarray:
     """Return ``(L, 2)`` which lens numbers the flight tells better than was known."""
     free = np.ones((len(problem.lenses), 2), bool)
-    H = reduced_equations(problem, state, at.found, at.information, prior, free).H
+    H = _believed(problem, state, at, prior, free, HeightField.level())
     try:
         variance = np.diag(inverse_spd(H))[_lens_rows(problem)].reshape(-1, 2)
     except np.linalg.LinAlgError:
