@@ -85,7 +85,8 @@ def solve_in_space(
         if solved.solution is not None and solved.solution.fix_lags_s:
             # a camera that looks ahead looks like a late fix on the plane; in space they are told apart
             solved, fixes = _in_time(solved, solved.solution, bundle, node, fixes)
-            bundle = bundle_adjust(_problem([starts[f] for f in order], node, ties, fixes, points))
+            problem = _problem([starts[f] for f in order], node, ties, fixes, points)
+            bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
         logger.warning("cameras could not be posed in space (%s): the flat solution stands", error)
         return solved

@@ -1,15 +1,21 @@
 """Flights are posed in space where ties and lenses allow it, and stay flat where they do not."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from photomap_gis.core.placement import PlanePlacement, PosedPlacement
-from photomap_gis.pipeline import map_flight
+from photomap_gis.core.posegraph import FixLag
+from photomap_gis.georef import plane_view
+from photomap_gis.pipeline import MapSettings, in_space, map_flight
+from photomap_gis.pipeline.measure import Measurements
+from photomap_gis.pipeline.solve import solve_mission
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.simulate import FlightSpec, Motion, run_simulation
 from photomap_gis.simulate.evaluate import evaluate_map
+from photomap_gis.slam.bundle import bundle_adjust
 from photomap_gis.store import Mission
 
 
@@ -64,3 +70,34 @@ def test_without_a_known_lens_the_map_stays_flat(flown, tmp_path):
     assert solved.trajectory.placements
     assert all(isinstance(p.camera_to_map, PlanePlacement) for p in solved.trajectory.placements)
     assert solved.lenses == ()
+
+
+def test_the_fit_is_to_the_fixes_as_they_were_used(mapped, monkeypatch):
+    """Where fixes were freed of a lag, what is left is left against those."""
+    asked = []
+
+    def spy(problem):
+        asked.append(problem)
+        return bundle_adjust(problem)
+
+    late = {0: FixLag(2.0, 0.05)}
+    monkeypatch.setattr(in_space, "bundle_adjust", spy)
+    monkeypatch.setattr(in_space, "lags_by_flight", lambda solution, fixes: late)
+    with Mission.open(mapped.folder) as mission:
+        frames = tuple(mission.frames)
+        views = {f.index: plane_view(f) for f in frames}
+        prepared = {p.frame: p for p in mission.prepared}
+        measurements = Measurements(mission, None, prepared, MapSettings(), lambda *_: None)
+        measurements.take_kept()
+        flat = solve_mission(mission, frames, views, measurements, MapSettings())
+    flat = replace(flat, solution=replace(flat.solution, fix_lags=late))
+    posed = in_space.solve_in_space(frames, views, measurements, flat)
+    raw, used = asked
+    assert np.abs(raw.fix_xy - used.fix_xy).max() > 3.0
+    centres = {p.frame: p.camera_to_map.centre_map[:2] for p in posed.trajectory.placements}
+    off = np.array([centres[used.views[k].frame] for k in used.fix_of]) - used.fix_xy
+    trusted = np.diag(used.fix_information)  # a lag that is not there makes blunders, which do not count
+    off = off[trusted > 1e-3 * np.median(trusted)]
+    assert len(off) >= 5
+    assert posed.fit_to_gps_rms_m == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=1e-6)
+    assert posed.fix_lags == late

@@ -28,8 +28,6 @@ MASKED_SHARE = 0.01
 MOST_LOST = 0.45
 """Share of what both frames saw above which it is not sure any more which part is right."""
 BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
-BELIEVED_UNREGISTERED = 0.5
-"""A predecessor of other ground tells little of what is usual, so more doubt is asked for where nothing registers."""
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
 WRAPPED_SHARE = 0.08
@@ -60,7 +58,7 @@ def judge_registered(
     if look.shape != before.shape:
         return GOOD
     if not registration.accepted:
-        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_UNREGISTERED else GOOD
+        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
     H = registration.T_a_b.matrix if registration.H_a_b is None else registration.H_a_b
     found = fit(look, before, np.asarray(H, np.float64))
     if found.overlap < LEAST_OVERLAP:

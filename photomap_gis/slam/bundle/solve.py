@@ -83,12 +83,11 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _At:
-    """The equations at a state, and what went into them."""
+    """The ties at a state, the information that each is granted, and its weight (0..1) in that."""
 
     found: Linearised
     information: FloatArray
     weight: FloatArray
-    scale2: float
 
 
 def bundle_adjust(problem: BundleProblem) -> Bundle:
@@ -193,7 +192,7 @@ def _look(problem: BundleProblem, state: BundleState) -> _At:
     squared = np.einsum("mi,mij,mj->m", found.residual, plain, found.residual)
     scale2 = max(float(np.median(squared[found.valid])) / 1.386, 1.0) if found.valid.any() else 1.0
     weight = np.where(found.valid, 1.0 / (1.0 + squared / scale2 / LIMIT**2) ** 2, 0.0)
-    return _At(found, plain * (weight / scale2)[:, None, None], weight, scale2)
+    return _At(found, plain * (weight / scale2)[:, None, None], weight)
 
 
 def _cost(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> float:
