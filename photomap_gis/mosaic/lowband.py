@@ -1,10 +1,12 @@
 """The low frequencies of frames: thumbnails that are kept on disk, so that no frame is opened for them twice.
 
-They carry what is shared between frames (exposure, light), never detail.
+They carry what is shared between frames (exposure, light), never detail; and how blurred the frame is.
 """
 
 from __future__ import annotations
 
+import math
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -20,15 +22,20 @@ from photomap_gis.mosaic.pixels import LruCache, SourceImage
 LONG_SIDE_PX = 96
 """Size of a thumbnail: one of its pixels is about a hundredth of the frame."""
 
+_HEAD = struct.Struct(">IIf")  # of a file: the frame's width and height, its blur
 _STEPS_PER_LEVEL = 256  # kept as 16 bits: eight would show as bands in skies, snow and water
 
 
 class LowBand(NamedTuple):
-    """Low frequencies: ``(h, w, 3)`` BGR uint16 in 1/256 of a grey level, and how much of the frame they cover."""
+    """Low frequencies: ``(h, w, 3)`` BGR uint16 in 1/256 of a grey level, and how much of the frame they cover.
+
+    ``blur_px`` is the frame's blur, NaN where it is not known.
+    """
 
     thumbnail: npt.NDArray[np.uint16]
     width_px: int
     height_px: int
+    blur_px: float = math.nan
 
     def sample(self, x_px: FloatImage, y_px: FloatImage) -> FloatImage:
         """Return ``(..., 3)`` BGR grey levels at pixels of the **frame**; beyond its edge those of the edge."""
@@ -39,8 +46,8 @@ class LowBand(NamedTuple):
         return np.asarray(values, dtype=np.float32) / np.float32(_STEPS_PER_LEVEL)
 
 
-def low_band_of(source: SourceImage) -> LowBand:
-    """Return the low frequencies of a frame."""
+def low_band_of(source: SourceImage, blur_px: float = math.nan) -> LowBand:
+    """Return the low frequencies of a frame whose blur is ``blur_px``."""
     image, scale = source
     h, w = image.shape[:2]
     shrink = max(h, w) / LONG_SIDE_PX
@@ -54,14 +61,21 @@ def low_band_of(source: SourceImage) -> LowBand:
     small = cv2.GaussianBlur(small, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
     if small.ndim == 2:
         small = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
-    return LowBand(np.rint(small * _STEPS_PER_LEVEL).astype(np.uint16), round(w / scale), round(h / scale))
+    return LowBand(np.rint(small * _STEPS_PER_LEVEL).astype(np.uint16), round(w / scale), round(h / scale), blur_px)
 
 
 class LowBandStore:
     """Thumbnails in a folder, one file a frame, made by ``open_image`` where they are missing; safe among threads."""
 
-    def __init__(self, folder: Path, open_image: Callable[[int], SourceImage], *, limit_bytes: int) -> None:
-        self._folder, self._open_image = folder, open_image
+    def __init__(
+        self,
+        folder: Path,
+        open_image: Callable[[int], SourceImage],
+        *,
+        limit_bytes: int,
+        blur_of_opened: Callable[[int], float] = lambda frame: math.nan,
+    ) -> None:
+        self._folder, self._open_image, self._blur_of_opened = folder, open_image, blur_of_opened
         self._cache: LruCache[int, LowBand] = LruCache(self._load, lambda low: low.thumbnail.nbytes, limit_bytes)
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -74,7 +88,8 @@ class LowBandStore:
         kept = _read(path)
         if kept is not None:
             return kept
-        low = low_band_of(self._open_image(frame))
+        image = self._open_image(frame)
+        low = low_band_of(image, self._blur_of_opened(frame))
         _write(path, low)
         return low
 
@@ -85,11 +100,14 @@ def _read(path: Path) -> LowBand | None:
         data = path.read_bytes()
     except OSError:
         return None
-    head, body = data[:8], np.frombuffer(data[8:], dtype=np.uint8)
+    if len(data) < _HEAD.size:
+        return None
+    width, height, blur_px = _HEAD.unpack_from(data)
+    body = np.frombuffer(data[_HEAD.size :], dtype=np.uint8)
     thumbnail = cv2.imdecode(body, cv2.IMREAD_UNCHANGED) if body.size else None
     if thumbnail is None or thumbnail.dtype != np.uint16 or thumbnail.ndim != 3:
         return None
-    return LowBand(thumbnail, int.from_bytes(head[:4], "big"), int.from_bytes(head[4:], "big"))
+    return LowBand(thumbnail, width, height, blur_px)
 
 
 def _write(path: Path, low: LowBand) -> None:
@@ -98,7 +116,7 @@ def _write(path: Path, low: LowBand) -> None:
         raise OutputError(f"{path}: the thumbnail could not be encoded")
     temporary = path.with_suffix(".tmp")
     try:
-        temporary.write_bytes(low.width_px.to_bytes(4, "big") + low.height_px.to_bytes(4, "big") + body.tobytes())
+        temporary.write_bytes(_HEAD.pack(low.width_px, low.height_px, low.blur_px) + body.tobytes())
         temporary.replace(path)
     except OSError as error:
         raise OutputError(

@@ -8,14 +8,14 @@ from typing import NamedTuple, Protocol
 import cv2
 import numpy as np
 
-from photomap_gis.core.grid import MapFrame, MapGrid, Window
+from photomap_gis.core.grid import CrsFrame, MapGrid, Window, ground_pixel_m
 from photomap_gis.mosaic.blend import Seen, consensus_weights, detail_weights, labels_of, shift_to_consensus
 from photomap_gis.mosaic.choice import radius_and_border, sight
 from photomap_gis.mosaic.exposure import Exposure
 from photomap_gis.mosaic.lattice import STEP_PX, Box, FloatImage, Lattice
 from photomap_gis.mosaic.lowband import LowBand
 from photomap_gis.mosaic.pixels import SourceImage
-from photomap_gis.mosaic.tiles import RgbaArray
+from photomap_gis.mosaic.tiles import NOBODY, RgbaArray, SourceArray
 from photomap_gis.mosaic.views import View
 
 _SLACK_NODES = 3.0
@@ -44,10 +44,17 @@ class _Correction(NamedTuple):
     offset: FloatImage | None
 
 
+class RenderedTile(NamedTuple):
+    """``(height, width, 4)`` RGBA, and ``(height, width)`` int32 the frame that each pixel shows, -1 where none."""
+
+    rgba: RgbaArray
+    source: SourceArray
+
+
 def render_tile(
     window: Window,
     grid: MapGrid,
-    map_frame: MapFrame,
+    map_frame: CrsFrame,
     *,
     givers: Sequence[View],
     neighbours: Sequence[View],
@@ -58,19 +65,38 @@ def render_tile(
 
     ``givers`` may give pixels, ``neighbours`` (which include them) low frequencies.
     """
-    out = np.zeros((window.height, window.width, 4), dtype=np.uint8)
+    return render_tile_and_sources(
+        window, grid, map_frame, givers=givers, neighbours=neighbours, source=source, exposure=exposure
+    ).rgba
+
+
+def render_tile_and_sources(
+    window: Window,
+    grid: MapGrid,
+    map_frame: CrsFrame,
+    *,
+    givers: Sequence[View],
+    neighbours: Sequence[View],
+    source: FrameSource,
+    exposure: Exposure,
+) -> RenderedTile:
+    """Return what ``render_tile`` does, and which frame each pixel shows (its detail; seams are blended)."""
+    nothing = RenderedTile(
+        np.zeros((window.height, window.width, 4), dtype=np.uint8),
+        np.full((window.height, window.width), NOBODY, dtype=np.int32),
+    )
     lattice = Lattice.over(window, grid, map_frame)
-    slack_m = _SLACK_NODES * STEP_PX * grid.pixel_size
+    slack_m = _SLACK_NODES * STEP_PX * ground_pixel_m(grid, map_frame)
     seen = [Seen(v, sight(v, lattice.nodes_xy_map_m, lattice.shape, slack_m=slack_m)) for v in neighbours]
     giving = {view.frame for view in givers}
     candidates = [one for one in seen if one.view.frame in giving]
     if not candidates:
-        return out
+        return nothing
     labels = labels_of(candidates, lattice)
     inner = np.s_[STEP_PX : STEP_PX + window.height, STEP_PX : STEP_PX + window.width]
     present = [int(i) for i in np.flatnonzero(np.bincount(labels.ravel() + 1, minlength=len(candidates) + 1)[1:])]
     if not present:
-        return out
+        return nothing
     corrections = _corrections(seen, [candidates[i] for i in present], source, exposure)
     if len(present) == 1:
         colour = _corrected(candidates[present[0]], lattice.domain, lattice, source, corrections[0])
@@ -89,9 +115,11 @@ def render_tile(
         colour /= np.maximum(total, _LEAST_WEIGHT)
     rounded = cv2.add(np.ascontiguousarray(colour[inner]), 0.0, dtype=cv2.CV_8U)  # rounds and saturates
     visible = np.where(labels[inner] >= 0, np.uint8(255), np.uint8(0))
-    cv2.cvtColor(rounded, cv2.COLOR_BGR2RGBA, dst=out)
-    out &= visible[..., None]
-    return out
+    rgba = nothing.rgba
+    cv2.cvtColor(rounded, cv2.COLOR_BGR2RGBA, dst=rgba)
+    rgba &= visible[..., None]
+    frames = np.array([*(one.view.frame for one in candidates), NOBODY], dtype=np.int32)  # -1 is the last
+    return RenderedTile(rgba, frames[labels[inner]])
 
 
 def _corrections(
