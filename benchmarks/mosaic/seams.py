@@ -147,7 +147,7 @@ def _along(near: npt.NDArray[np.bool_], source_tif: Path, c: Comparison) -> npt.
 
 
 def _broken(c: Comparison, T_map_true, places: npt.NDArray[np.intp]) -> tuple[float, int]:  # type: ignore[no-untyped-def]
-    """Return the share of windows of the map about ``(N, 2)`` places that are not found in the truth, and of how many."""
+    """Return the share of the map's windows about ``(N, 2)`` places that are not found in the truth; and how many."""
     half, reach = WINDOW_PX // 2, 12
     lost = tried = 0
     for row, col in places:
