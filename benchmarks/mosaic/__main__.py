@@ -33,7 +33,7 @@ def seam_section(folder: Path, *, quick: bool) -> Section:
         for words, q in ((name, ours), (f"{name}, straight seams", straight)):
             bar = Bar(0.9, 1.1) if q is ours else None
             figures += [
-                Figure(f"{words}: gradient energy off seams, median (p5, p95)", _spread(q.energy), len(q.energy), "x", bar),
+                Figure(f"{words}: gradient energy off seams (p5, p95)", _spread(q.energy), len(q.energy), "x", bar),
                 Figure(f"{words}: the same within 8 px of seams", _spread(q.energy_on_seams), len(q.energy_on_seams),
                        "x", bar),
                 Figure(f"{words}: patches unmatched", _exactly(q.unmatched), len(q.energy), "%",
