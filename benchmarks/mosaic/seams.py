@@ -95,7 +95,7 @@ def map_it(folder: Path, *, straight: bool = False) -> tuple[Path, Path]:
     return other / "map.tif", other / "layers" / "source_frame.tif"
 
 
-def _cheapest(costs, greys, roughness, *, edges):  # type: ignore[no-untyped-def]
+def _cheapest(costs: np.ndarray, *_: object, **__: object) -> np.ndarray:
     best = np.argmin(costs, axis=0).astype(np.int16)
     best[~np.isfinite(costs.min(axis=0))] = -1
     return best

@@ -109,7 +109,10 @@ def render_tile_and_sources(
     for tile, here, there in _tiles_under(window, grid.tile_size):
         lattice = Lattice.over(tile, grid, map_frame)
         candidates = _seen([v for v in neighbours if v.frame in giving], lattice, pixel_m)
-        labels = _labels(candidates, lattice, source, exposure, tile)
+        if grid.tile_size % STEP_PX == 0:
+            labels = _labels(candidates, lattice, source, exposure, pixel_m)
+        else:  # nodes of neighbouring tiles lie apart: their seams would not meet
+            labels = labels_of(candidates, lattice)
         part = labels[there]
         if (part >= 0).any():
             coarse = Lattice.over(tile, grid, map_frame, step_px=light_step)
@@ -149,10 +152,10 @@ def _seen(views: Sequence[View], lattice: Lattice, pixel_m: float) -> list[Seen]
 
 
 def _labels(
-    candidates: Sequence[Seen], lattice: Lattice, source: FrameSource, exposure: Exposure, tile: Window
+    candidates: Sequence[Seen], lattice: Lattice, source: FrameSource, exposure: Exposure, pixel_m: float
 ) -> npt.NDArray[np.int16]:
     """Return ``(height, width)`` which candidate gives each pixel of the domain, along seams that spare objects."""
-    if len(candidates) < 2 or tile.width % STEP_PX:
+    if len(candidates) < 2:
         return labels_of(candidates, lattice)
     costs = np.stack([one.at_nodes.cost + TIER_COST * one.view.tier for one in candidates]).astype(np.float32)
     costs[np.isnan(costs)] = np.inf
@@ -163,7 +166,11 @@ def _labels(
         greys.append(outlook[..., 0])
         roughness.append(outlook[..., 1])
     # Node 1 lies in the margin, node 2 in the tile's first pixels; the next tile's first pixels hold the last but one.
-    return labels_of(candidates, lattice, node_labels(costs, greys, roughness, edges=(2, lattice.shape[0] - 2)))
+    nodes = node_labels(
+        costs, greys, roughness, edges=(2, lattice.shape[0] - 2),
+        half_diagonals_nodes=[v.half_diagonal_px * v.gsd_m_per_px / (STEP_PX * pixel_m) for v, _ in candidates],
+    )  # fmt: skip
+    return labels_of(candidates, lattice, nodes)
 
 
 def _colour(

@@ -24,8 +24,11 @@ from scipy.sparse import csgraph
 
 from photomap_gis.mosaic.lattice import FloatImage
 
-FREEDOM = 0.05
-"""How much dearer (in units of ``choice_cost``) than the cheapest frame another may be and still give a node."""
+BAND = 0.08
+"""How far from the straight line a seam may run, in half diagonals of a frame."""
+
+BAND_OF_SPACING = 0.25
+"""And in distances of the two frames' middles: every frame keeps the heart of its cell."""
 
 NOBODY = -1
 
@@ -38,20 +41,26 @@ Labels = npt.NDArray[np.int16]
 
 
 def node_labels(
-    costs: FloatImage, greys: Sequence[FloatImage], roughness: Sequence[FloatImage], *, edges: tuple[int, int]
+    costs: FloatImage,
+    greys: Sequence[FloatImage],
+    roughness: Sequence[FloatImage],
+    *,
+    edges: tuple[int, int],
+    half_diagonals_nodes: Sequence[float],
 ) -> Labels:
     """``(rows, columns)`` index of the frame that gives each node of a tile's lattice, -1 where none sees it.
 
     ``costs`` is ``(K, rows, columns)``, infinite where a frame does not see the node; ``greys`` and ``roughness`` are K
     pictures of the frames at the nodes, levelled. ``edges`` are the first and the last row, and column, that the tile
-    shares with its neighbours.
+    shares with its neighbours; ``half_diagonals_nodes`` are half of each frame's diagonal, in nodes.
     """
     best = np.argmin(costs, axis=0).astype(np.int16)
     least = np.min(costs, axis=0)
     best[~np.isfinite(least)] = NOBODY
     if len(costs) < 2 or (best == best.flat[0]).all():
         return best
-    height, free = _relief(costs, least, greys, roughness)
+    with np.errstate(invalid="ignore"):  # where a frame does not see a node its cost is infinite
+        height, freedom, free = _relief(costs, greys, roughness, half_diagonals_nodes)
     first, last = edges
     # Along an edge nodes are connected with each other only, and the corners are left to choice.
     edge = np.zeros_like(free)
@@ -60,7 +69,7 @@ def node_labels(
     settled[np.ix_((first, last), (first, last))] = True
     on_edge = flood(np.where(edge, height, np.inf), best, edge & ~settled)
     with np.errstate(invalid="ignore"):
-        allowed = costs - least <= 2.0 * FREEDOM  # NaN where nobody sees the node
+        allowed = costs - least <= 2.0 * freedom  # NaN where nobody sees the node
     labels = np.where(edge, _where_allowed(on_edge, best, allowed), best)
     # The nodes just beyond an edge go with it: pixels between are interpolated from both.
     labels[[first - 1, last - 1], first : last + 1] = labels[[first, last], first : last + 1]
@@ -111,15 +120,23 @@ def _where_allowed(labels: Labels, best: Labels, allowed: npt.NDArray[np.bool_])
 
 
 def _relief(
-    costs: FloatImage, least: FloatImage, greys: Sequence[FloatImage], roughness: Sequence[FloatImage]
-) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
-    """Return when each node is to be flooded, late where a seam does no harm, and which nodes are free."""
+    costs: FloatImage,
+    greys: Sequence[FloatImage],
+    roughness: Sequence[FloatImage],
+    half_diagonals_nodes: Sequence[float],
+) -> tuple[FloatImage, FloatImage, npt.NDArray[np.bool_]]:
+    """Return when each node is to be flooded, late where a seam does no harm; its freedom in cost; who is free."""
     two: npt.NDArray[Any] = np.argpartition(costs, 1, axis=0)[:2]
     pair = np.take_along_axis(costs, two, axis=0)
-    with np.errstate(invalid="ignore"):
-        gap = np.abs(pair[1] - pair[0])
-        free = gap <= FREEDOM  # NaN and infinite are not
+    slopes = [np.take_along_axis(slope, two, axis=0) for slope in np.gradient(costs, axis=(1, 2))]
+    # Of two frames alike the difference of costs rises evenly, by 2 s a half diagonal, s being their spacing in these.
+    half_diagonal = np.asarray(half_diagonals_nodes, dtype=np.float32)[two].mean(axis=0)
+    spacing = 0.5 * half_diagonal * np.hypot(*(slope[1] - slope[0] for slope in slopes))
+    freedom = 2.0 * spacing * np.minimum(BAND, BAND_OF_SPACING * spacing)
+    gap = np.abs(pair[1] - pair[0])
+    free = gap <= freedom  # NaN is not
     grey, rough = (np.take_along_axis(np.stack(a), two, axis=0) for a in (greys, roughness))
     harm = _DISAGREE * np.abs(grey[1] - grey[0]) + _ROUGH * rough.mean(axis=0)
-    straight = np.where(free, 1.0 - gap / FREEDOM, 0.0)
-    return (_HIGHEST - np.minimum(harm, _HIGHEST) + _MIDDLE * straight).astype(np.float32), free
+    straight = 1.0 - np.divide(gap, freedom, out=np.ones_like(gap), where=free & (freedom > 0.0))
+    height = _HIGHEST - np.minimum(harm, _HIGHEST) + _MIDDLE * straight
+    return height.astype(np.float32), freedom, free
