@@ -33,7 +33,7 @@ ROUNDS, LEVEL_ROUNDS = 10, 2
 be believed."""
 FIRST_STEPS, STEPS, LAST_STEPS = 4, 1, 2
 """Steps of the first round, of those in between, where the ground is renewed after every one, and of the last."""
-LIMIT = 3.0
+LIMIT = 2.0
 """Ties this many sigmas off count a quarter."""
 SETTLED = 0.3
 """A step is small that gains less than this of the weighted squares: nothing that any sigma would show."""
@@ -52,6 +52,8 @@ MOUNT_SPREAD = 3.0
 """A mount may lean by so many times what a frame leans besides."""
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
+KNOWN_SHAPE = 5e-4
+"""How far a ground of known heights may slope or bow besides."""
 LARGE = 1500
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
@@ -111,7 +113,7 @@ def _adjusted(asked: BundleProblem) -> Bundle:
     gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
     free = np.zeros((len(problem.lenses), 2), bool)
     relief = FIRST_RELIEF * height
-    ground = HeightField.level(relief)
+    ground = replace(_on_level(problem, state), sigma=relief)
     before = _rms(*residuals(problem, state))
     for round_ in range(ROUNDS):
         came_from = state.centre
@@ -224,7 +226,8 @@ def _spot_prior(
     reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
     u, v = ((xy - np.median(xy, axis=0)) / reach).T
     bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
-    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
+    slope, bowl = (SLOPE_SIGMA, bowl) if problem.terrain is None else (KNOWN_SHAPE, KNOWN_SHAPE)
+    sigma = reach * np.array([LEVEL_SIGMA, slope, slope, bowl, bowl, bowl])
     return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma, lens, state.log_focal)
 
 
@@ -290,14 +293,32 @@ def _levelled_off(problem: BundleProblem, state: BundleState) -> BundleState:
     return replace(state, z=state.z - middle, centre=state.centre - [0.0, 0.0, middle])
 
 
+def _on_level(problem: BundleProblem, state: BundleState) -> HeightField:
+    """Return the ground as far as it is known beforehand, raised so that the spots lie on it on the whole."""
+    if problem.terrain is None or not len(state.z):
+        return HeightField.level()
+    off = -state.z - problem.terrain.at(_spots_xy(problem, state))
+    return replace(problem.terrain, up=problem.terrain.up + float(np.median(off)))
+
+
 def _ground_of(
     problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float, gsd: float
 ) -> HeightField:
+    if problem.terrain is not None:
+        return _on_terrain(problem, state, spot_sigma, height)
     camera = problem.lenses[0].camera
     cell = gsd * max(camera.width_px, camera.height_px) / CELLS_A_FOOTPRINT
     known = spot_sigma < 0.1 * height
     xy = _spots_xy(problem, state)
     return fit_ground(xy[known], -state.z[known], spot_sigma[known], cell)
+
+
+def _on_terrain(problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float) -> HeightField:
+    """Return the known ground at the level of the spots, and how far they lie off it, robustly."""
+    ground = _on_level(problem, state)
+    known = spot_sigma < 0.1 * height
+    off = -state.z[known] - ground.at(_spots_xy(problem, state)[known])
+    return replace(ground, sigma=1.4826 * float(np.median(np.abs(off))) if known.any() else height * FIRST_RELIEF)
 
 
 def _believed(

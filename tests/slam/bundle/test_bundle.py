@@ -307,3 +307,19 @@ def test_the_ground_is_found_under_what_stands_on_it(rng):
     assert np.abs(flat.up).max() < 0.25, "noise makes no hills"
     assert fit_ground(xy[:5], up[:5], np.ones(5), 20.0).is_level
     assert isinstance(flat, HeightField)
+
+
+def test_known_heights_hold_the_world_level(rng):
+    """Where the ground is known, poses lie over it: the ground of their own may bow with them."""
+    world = make_world(rng, relief=4.0)
+    known = replace(world.ground, up=world.ground.up + 77.0)  # its level is not used
+    alone, told = bundle_adjust(world.problem), bundle_adjust(replace(world.problem, terrain=known))
+    xy = world.centre[:, :2]
+
+    def shape(ground):
+        return ground.at(xy) - np.median(ground.at(xy))
+
+    assert np.std(shape(told.ground) - shape(world.ground)) < 0.05
+    height = [np.std(b.centre[:, 2] - world.centre[:, 2]) for b in (alone, told)]
+    assert height[1] < height[0]
+    assert np.sqrt(np.mean(map_errors(world, told) ** 2)) < 1.0
