@@ -131,13 +131,13 @@ def _fields(
                 yield name, x, back, name if back == 0 else None
         if b.z != 0.0 and not _is_near(a.z, b.z, _ALTITUDE_STEP_M):  # what is not kept comes back as 0
             yield "param7", a.z, b.z, None
-    for n, (value, back) in enumerate(zip(a.params, b.params, strict=True)):
-        if _is_near(value, back, _ROUNDING * max(1.0, abs(value))):
+    for n, (value, returned) in enumerate(zip(a.params, b.params, strict=True)):
+        if _is_near(value, returned, _ROUNDING * max(1.0, abs(value))):
             continue
-        if not _forgiven(a.command, n, value, back, autopilot):
-            yield f"param{n + 1}", value, back, None
+        if not _forgiven(a.command, n, value, returned, autopilot):
+            yield f"param{n + 1}", value, returned, None
         elif (a.command, n) in _FLIES_OTHERWISE and math.isfinite(value):
-            yield f"param{n + 1}", value, back, _FLIES_OTHERWISE[a.command, n]
+            yield f"param{n + 1}", value, returned, _FLIES_OTHERWISE[a.command, n]
 
 
 def _forgiven(command: int, n: int, sent: float, read: float, autopilot: Autopilot) -> bool:

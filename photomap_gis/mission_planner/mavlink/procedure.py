@@ -52,7 +52,10 @@ def upload_mission(
 ) -> Steps[Report]:
     """Upload a mission with its fence and rally points, verify it, and put the old back where it did not verify."""
     begun_s = talk.now_s
-    vehicle = yield from find_vehicle(talk, options.wanted, talk.patience.timeout_s)
+    try:
+        vehicle = yield from find_vehicle(talk, options.wanted, talk.patience.timeout_s)
+    except Stopped as event:
+        return _before_anything(talk, event, 0, begun_s)
     if vehicle is None:
         return _nobody(talk, begun_s)
     autopilot = _known(vehicle)
@@ -101,9 +104,9 @@ def upload_mission(
         silent = f"the vehicle sends but did not answer for {talk.patience.timeout_s:g} s; nothing was changed"
         return ended(Replaced(Outcome.UNKNOWN, Holds.UNKNOWN, silent), count)
     except MissionModeEntered:
-        return ended(_untouched(f"the vehicle went to {talk.vehicle.mode} before anything was sent"), count)
+        return ended(_untouched(f"the vehicle went to {talk.vehicle.mode} in the meantime"), count)
     except Stopped:
-        return ended(_untouched("stopped by the user before anything was sent"), count)
+        return ended(_untouched("stopped by the user"), count)
     replaced = yield from replace_lists(talk, new, previous)
     report = ended(replaced, count, warnings)
     if replaced.outcome is Outcome.VERIFIED and start is not None:
@@ -125,7 +128,10 @@ def restore_lists(
     ``autopilot`` is whose lists they are; another's are refused, since its item 0 is another thing.
     """
     begun_s = talk.now_s
-    vehicle = yield from find_vehicle(talk, options.wanted, talk.patience.timeout_s)
+    try:
+        vehicle = yield from find_vehicle(talk, options.wanted, talk.patience.timeout_s)
+    except Stopped as event:
+        return _before_anything(talk, event, 0, begun_s)
     if vehicle is None:
         return _nobody(talk, begun_s)
     if autopilot not in (None, _known(vehicle)):
@@ -182,7 +188,10 @@ class Downloaded:
 
 def download_lists(talk: Talk, kinds: tuple[Kind, ...], options: UploadOptions) -> Steps[Downloaded]:
     """Read lists of a vehicle. Raises ``LinkError`` where there is none, or it does not give them."""
-    vehicle = yield from find_vehicle(talk, options.wanted, talk.patience.timeout_s)
+    try:
+        vehicle = yield from find_vehicle(talk, options.wanted, talk.patience.timeout_s)
+    except Stopped as error:
+        raise KeyboardInterrupt from error
     if vehicle is None:
         raise LinkError(_nobody(talk, talk.now_s).message)
     autopilot = _known(vehicle)

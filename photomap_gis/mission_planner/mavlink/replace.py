@@ -197,6 +197,8 @@ def _mixture(
     ).is_same:  # fmt: skip
         count += 1
     home = first_seq(autopilot) if kind is Kind.MISSION else 0
+    if count == len(read):
+        return f"of {len(new) - home} new {kind.name.lower()} items it holds the first {max(0, count - home)} and no others"
     return (
         f"it holds a mixture: of {len(read) - home} {kind.name.lower()} items the first {max(0, count - home)} are "
         "new, the rest is as before"

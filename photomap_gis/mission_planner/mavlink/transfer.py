@@ -34,6 +34,7 @@ _CLEAR_REFUSALS = 4
 _BUSY_PAUSE_S, _NO_SPACE_PAUSE_S, _RETRY_PAUSE_S = 1.0, 2.0, 0.3
 _SLOWEST_REQUEST_S = 1.5
 _MOST_AHEAD = 3
+_FIRST_GAP_S, _LONGEST_GAP_S = 0.1, 0.4
 
 
 class End(StrEnum):
@@ -164,24 +165,34 @@ def download(
         counted = yield from _ask_count(talk, kind, serving, until_s)
         if isinstance(counted, Transfer):
             return counted
-        read = yield from _ask_items(talk, kind, counted, serving, until_s + counted, pace, stage)
+        read = yield from _ask_items(talk, kind, counted, serving, until_s + 2 * counted, pace, stage)
         if read is not None:
             talk.say(_ack(talk, kind, _OK))
             return Transfer(End.DONE, items=read)
+        pace.slow_down()
         yield from talk.pause(_RETRY_PAUSE_S)
     return Transfer(End.FAILED)
 
 
 @dataclass(slots=True)
 class _Pace:
-    """How long to wait for an item before it is asked for again: twice the link's round trip, within bounds."""
+    """How long to wait for an item before it is asked for again: twice the link's round trip, within bounds.
+
+    PX4 breaks a download off when it is asked for an item before the last one. A link that delivers late copies of our
+    requests makes it do so: each time the copies are made rarer (``least_s``) and given time to arrive (``gap_s``).
+    """
 
     least_s: float
     round_trip_s: float = 0.0
+    gap_s: float = 0.0
 
     @property
     def wait_s(self) -> float:
         return max(self.least_s, min(2 * self.round_trip_s, _SLOWEST_REQUEST_S))
+
+    def slow_down(self) -> None:
+        self.least_s = min(2 * self.least_s, _SLOWEST_REQUEST_S)
+        self.gap_s = min(max(2 * self.gap_s, _FIRST_GAP_S), _LONGEST_GAP_S)
 
     def learn(self, seconds: float) -> None:
         self.round_trip_s = seconds if self.round_trip_s == 0 else 0.8 * self.round_trip_s + 0.2 * seconds
@@ -218,6 +229,8 @@ def _ask_items(
     """Return all items; None where the vehicle broke off or its list changed meanwhile."""
     items: list[WireItem] = []
     for seq in range(count):
+        if pace.gap_s and seq:
+            yield from talk.pause(pace.gap_s)
         asked_s, tries = talk.now_s, 0
         again_s = talk.now_s
         while len(items) == seq:
