@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 from photomap_gis.core.errors import LinkError
 from photomap_gis.core.mission import Autopilot, Home, Mission
 from photomap_gis.mission_planner.mavlink.ask import Wanted, ask_params, ask_state, find_vehicle, set_current
+from photomap_gis.mission_planner.mavlink.compare import compare
 from photomap_gis.mission_planner.mavlink.replace import ORDER, Replaced, replace_lists
 from photomap_gis.mission_planner.mavlink.report import Holds, Outcome, Report
 from photomap_gis.mission_planner.mavlink.rules import Limits, Situation, first_survey_item, judge, nearest_start
 from photomap_gis.mission_planner.mavlink.state import VehicleState
 from photomap_gis.mission_planner.mavlink.talk import MissionModeEntered, Steps, Stopped, Talk, Unreachable
-from photomap_gis.mission_planner.mavlink.transfer import End, download
+from photomap_gis.mission_planner.mavlink.transfer import End, Transfer, download
 from photomap_gis.mission_planner.mavlink.wire import (
     Kind,
     Lists,
@@ -29,6 +30,7 @@ from photomap_gis.mission_planner.mavlink.wire import (
 )
 
 _STATE_S, _PARAMS_S, _OPTIONAL_LIST_S, _CURRENT_S = 4.0, 3.0, 10.0, 15.0
+_MOST_READINGS = 5
 _PARAMS = ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS", "MIS_RESTART")
 _LONGEST_WAIT_FOR_MODE_S = 1800.0
 
@@ -290,7 +292,7 @@ def _previous(
     warnings: list[str] = []
     for kind in ORDER:
         if kind in new:
-            read = yield from download(talk, kind, stage=f"save {kind.name.lower()}")
+            read = yield from _read_surely(talk, kind)
             if read.end is not End.DONE:
                 return {}, f"the vehicle's present {kind.name.lower()} cannot be read and saved: {read.reason}", ()
         elif kind is Kind.FENCE:
@@ -302,6 +304,20 @@ def _previous(
             continue
         lists[kind] = read.items
     return lists, "", tuple(warnings)
+
+
+def _read_surely(talk: Talk, kind: Kind) -> Steps[Transfer]:
+    """Read a list until two readings agree: what is saved may be all that there is to put back."""
+    before: Transfer | None = None
+    for _ in range(_MOST_READINGS):
+        read = yield from download(talk, kind, stage=f"save {kind.name.lower()}")
+        if read.end is not End.DONE or not read.items:
+            return read
+        # Not by ==, for which a NaN is never the same.
+        if before is not None and compare(kind, before.items, read.items, _known(talk.vehicle)).is_same:
+            return read
+        before = read
+    return Transfer(End.FAILED)
 
 
 def _situation(talk: Talk, mission: Mission, previous: Lists, params: dict[str, float]) -> Situation:

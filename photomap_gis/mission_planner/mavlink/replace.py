@@ -169,7 +169,9 @@ def _look(
             same_new = kind in new and compare(kind, new[kind], read.items, autopilot).is_same
             same_before = compare(kind, previous.get(kind, ()), read.items, autopilot).is_same
             is_new, is_previous = is_new and same_new, is_previous and same_before
-            if not (same_new or same_before):
+            if same_new or same_before:
+                held.append(f"the {kind.name.lower()} is {'the new' if same_new else 'as before'}")
+            else:
                 held.append(_mixture(kind, read.items, new.get(kind, ()), previous.get(kind, ()), autopilot))
     except Unreachable:
         return Replaced(
@@ -198,7 +200,8 @@ def _mixture(
         count += 1
     home = first_seq(autopilot) if kind is Kind.MISSION else 0
     if count == len(read):
-        return f"of {len(new) - home} new {kind.name.lower()} items it holds the first {max(0, count - home)} and no others"
+        total = f"of {len(new) - home} new {kind.name.lower()} items"
+        return f"{total} it holds the first {max(0, count - home)} and no others"
     return (
         f"it holds a mixture: of {len(read) - home} {kind.name.lower()} items the first {max(0, count - home)} are "
         "new, the rest is as before"

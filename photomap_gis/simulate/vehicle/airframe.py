@@ -19,6 +19,12 @@ Partner = tuple[int, int]
 """The system and component id of who is spoken to."""
 
 _HEARTBEAT_S = 1.0
+_CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
 
 
 @dataclass(slots=True)
@@ -178,7 +184,7 @@ class Airframe:
         z = item.z
         if self.faults.wrong_echoes > 0 and seq == 2:
             self.faults.wrong_echoes -= 1
-            z += 7.0
+            z += 7.0 + self.faults.wrong_echoes  # another mistake each time
         head = (*partner, seq, item.frame, item.command, 0, item.autocontinue, *item.params)
         if as_int:
             self.say(mavlink.MAVLink_mission_item_int_message(*head, item.x, item.y, z, kind))
@@ -234,7 +240,9 @@ class Airframe:
             self.say(mavlink.MAVLink_extended_sys_state_message(0, 2 if flying else 1))
         elif name == "AUTOPILOT_VERSION":
             self.say(
-                mavlink.MAVLink_autopilot_version_message(0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+                mavlink.MAVLink_autopilot_version_message(
+                    _CAPABILITIES, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
+                )
             )
         elif name == "HOME_POSITION" and self.home is not None:
             home_lat, home_lon, home_alt = self.home

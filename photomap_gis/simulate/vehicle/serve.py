@@ -1,7 +1,8 @@
 """A simulated vehicle as a process of its own, over real UDP or TCP on the loopback interface.
 
 It is steered by lines of JSON on stdin (``{"mode": "AUTO"}``, ``{"reboot": true}``, ``{"dump": true}``) and
-answers on stdout, first with ``{"event": "ready", "port": ...}``. A dump is the vehicle's true content, which no protocol has touched.
+answers on stdout, first with ``{"event": "ready", "port": ...}``. A dump is the vehicle's true content, which no
+protocol has touched.
 """
 
 from __future__ import annotations
