@@ -80,6 +80,7 @@ def ask_state(talk: Talk, timeout_s: float) -> Steps[None]:
                 # An old autopilot: what it streams by itself is all that there is, and its version by another command.
                 talk.say(_command(talk, mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1))
                 missing = {name: number for name, number in missing.items() if name != "HOME_POSITION"}
+    talk.last_answer_s = talk.now_s  # a vehicle need not know any of this
 
 
 def ask_params(talk: Talk, names: Sequence[str], timeout_s: float) -> Steps[dict[str, float]]:

@@ -98,6 +98,7 @@ def _put_back(
 ) -> Steps[Replaced]:
     autopilot = _autopilot(talk)
     changed = False
+    talk.heeds_stop = False  # putting back is the known end that a stop asks for
     try:
         for kind in reversed(touched):
             before = previous.get(kind, ())

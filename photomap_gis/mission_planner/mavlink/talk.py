@@ -117,7 +117,7 @@ class Talk:
     def wait(self, until_s: float) -> Steps[Message | None]:
         """Wait for the vehicle's next message of any kind; None at ``until_s``.
 
-        Raises ``Stopped``, ``MissionModeEntered`` or ``Unreachable`` where that has come about.
+        Raises ``Stopped`` or ``MissionModeEntered`` where that has come about.
         """
         self._check()
         if self.now_s >= until_s:
@@ -127,8 +127,13 @@ class Talk:
         return message
 
     def answer(self, until_s: float) -> Steps[Message | None]:
-        """Wait for the vehicle's next answer to us: a message of the mission or command protocols; None at the end."""
+        """Wait for the vehicle's next answer to us: a message of the mission or command protocols; None at the end.
+
+        Raises ``Unreachable`` where none came for the stated time, and what ``wait`` raises.
+        """
         while True:
+            if self.now_s - self.last_answer_s > self.patience.timeout_s:
+                raise Unreachable
             message = yield from self.wait(until_s)
             if message is None:
                 return None
@@ -153,8 +158,6 @@ class Talk:
             raise Stopped
         if self.forbids_mission_mode and self.state is not None and self.state.flies_mission:
             raise MissionModeEntered
-        if self.now_s - self.last_answer_s > self.patience.timeout_s:
-            raise Unreachable
 
 
 _ANSWERS = {

@@ -116,9 +116,13 @@ class Udp:
         try:
             family, _, _, _, address = socket.getaddrinfo(*at, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        except OSError as error:
+            raise LinkError(_os_words(f"{at[0]}:{at[1]}", error)) from error
+        try:
             if listens_at is not None:
                 self._socket.bind(address)
         except OSError as error:
+            self._socket.close()
             raise LinkError(_os_words(f"{at[0]}:{at[1]}", error)) from error
         self._socket.setblocking(False)
         self._to = address if sends_to is not None else None
