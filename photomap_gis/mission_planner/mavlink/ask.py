@@ -99,9 +99,10 @@ def ask_params(talk: Talk, names: Sequence[str], timeout_s: float) -> Steps[dict
     return values
 
 
-def set_current(talk: Talk, seq: int, timeout_s: float) -> Steps[bool]:
+def set_current(talk: Talk, seq: int, told_seq: int, timeout_s: float) -> Steps[bool]:
     """Make ``seq`` the mission's current item and say whether the vehicle confirmed it by MISSION_CURRENT.
 
+    ``told_seq`` is the item that it may tell instead, as the next that it flies to.
     Neither of the two ways is understood everywhere: they are tried in turns. None of them changes the mode.
     """
     end_s, again_s = talk.now_s + timeout_s, talk.now_s
@@ -117,7 +118,7 @@ def set_current(talk: Talk, seq: int, timeout_s: float) -> Steps[bool]:
             tries += 1
             again_s = talk.now_s + 2 * _AGAIN_S
         message = yield from talk.wait(min(again_s, end_s))
-        if message is not None and message.get_type() == "MISSION_CURRENT" and message.seq == seq and tries:
+        if message is not None and message.get_type() == "MISSION_CURRENT" and message.seq in (seq, told_seq) and tries:
             return True
     return False
 

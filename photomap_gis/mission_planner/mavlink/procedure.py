@@ -6,11 +6,12 @@ All of it is steps (``talk``): no socket, no clock, no file. Nothing here arms, 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from photomap_gis.core.errors import LinkError
-from photomap_gis.core.mission import Autopilot, Home, Mission
+from photomap_gis.core.mission import Autopilot, Home, Mission, MissionItem
+from photomap_gis.mission_planner.mavlink import dialect as cmd
 from photomap_gis.mission_planner.mavlink.ask import Wanted, ask_params, ask_state, find_vehicle, set_current
 from photomap_gis.mission_planner.mavlink.compare import compare
 from photomap_gis.mission_planner.mavlink.replace import ORDER, Replaced, replace_lists
@@ -93,6 +94,8 @@ def upload_mission(
         situation = _situation(talk, mission, previous, params)
         verdict = judge(mission, situation, options.limits)
         warnings += verdict.warnings
+        if mission.items and talk.vehicle.home is None and talk.vehicle.lat_deg is None:
+            warnings += ("the vehicle does not know where it is: heights and distances are judged by the plan's home",)
         if mission.autopilot not in (None, autopilot):
             warnings += (f"the plan was made for {mission.autopilot}, the vehicle is {autopilot}",)
         if verdict.refusals:
@@ -112,7 +115,7 @@ def upload_mission(
     replaced = yield from replace_lists(talk, new, previous)
     report = ended(replaced, count, warnings)
     if replaced.outcome is Outcome.VERIFIED and start is not None:
-        return (yield from _set_start(talk, report, start, params))
+        return (yield from _set_start(talk, report, start, mission.items, params))
     return report
 
 
@@ -275,7 +278,8 @@ def _await_mode(talk: Talk, options: UploadOptions, say: Callable[[str], None]) 
     end_s = talk.now_s + _LONGEST_WAIT_FOR_MODE_S
     while talk.vehicle.flies_mission and talk.now_s < end_s:
         # Nothing is asked meanwhile; the heartbeats say whether it is there.
-        talk.last_answer_s = talk.vehicle.heard_s
+        if talk.now_s - talk.vehicle.heard_s > talk.patience.timeout_s:
+            return f"the vehicle fell silent for {talk.patience.timeout_s:g} s while its mode was waited for"
         yield from talk.wait(talk.now_s + 1.0)
     talk.last_answer_s = talk.now_s
     return f"the vehicle stayed in {talk.vehicle.mode}" if talk.vehicle.flies_mission else ""
@@ -323,7 +327,6 @@ def _read_surely(talk: Talk, kind: Kind) -> Steps[Transfer]:
 def _situation(talk: Talk, mission: Mission, previous: Lists, params: dict[str, float]) -> Situation:
     vehicle = talk.vehicle
     autopilot = _known(vehicle)
-    stored_home = without_home(previous.get(Kind.MISSION, ()), autopilot)[1]
     here = None
     if vehicle.lat_deg is not None and vehicle.lon_deg is not None:
         here = (vehicle.lat_deg, vehicle.lon_deg)
@@ -337,7 +340,8 @@ def _situation(talk: Talk, mission: Mission, previous: Lists, params: dict[str, 
         polygons, circles = kept.fence_polygons, kept.fence_circles
     return Situation(
         autopilot=autopilot,
-        home=vehicle.home or stored_home or standing or mission.home,
+        # Not ArduPilot's item 0: until there is a fix it is the home of another day.
+        home=vehicle.home or standing or mission.home,
         needs_takeoff=vehicle.takes_off and not vehicle.is_in_air,
         place=here,
         is_in_air=vehicle.is_in_air,
@@ -362,14 +366,19 @@ def _start(mission: Mission, options: UploadOptions, vehicle: VehicleState) -> t
     return (first_survey_item(items) if vehicle.is_in_air else None), ""
 
 
-def _set_start(talk: Talk, report: Report, start: int, params: Mapping[str, float]) -> Steps[Report]:
+def _set_start(
+    talk: Talk, report: Report, start: int, items: Sequence[MissionItem], params: Mapping[str, float]
+) -> Steps[Report]:
     warnings = list(report.warnings)
     if params.get("MIS_RESTART"):
         warnings.append("MIS_RESTART is 1: the vehicle begins at its first item again whenever it is switched to AUTO")
     talk.forbids_mission_mode = False
     done = False
     with contextlib.suppress(Unreachable, Stopped):
-        done = yield from set_current(talk, start - 1 + first_seq(_known(talk.vehicle)), _CURRENT_S)
+        seq = start - 1 + first_seq(_known(talk.vehicle))
+        # Of a camera or speed command a vehicle tells the next item that it flies to.
+        ahead = next((n for n, i in enumerate(items[start - 1 :]) if i.command in cmd.LEG_ENDS), 0)
+        done = yield from set_current(talk, seq, seq + ahead, _CURRENT_S)
     if not done:
         warnings.append(f"item {start} could not be made the current one: check it before switching to AUTO")
         return replace(report, warnings=tuple(warnings), vehicle=talk.state)

@@ -23,6 +23,7 @@ _NOT_VEHICLES = {
     mavlink.MAV_TYPE_ADSB, mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
 }  # fmt: skip
 _NO_TAKEOFF = {mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_TYPE_SURFACE_BOAT, mavlink.MAV_TYPE_SUBMARINE}
+_FLIES_LIKE_A_PLANE = {16, 17, *range(19, 26), 28, 47}  # flapping wing, kite, VTOLs, parafoil, gyrodyne
 _RUNS_MISSION = {Autopilot.ARDUPILOT: {"AUTO", "AUTO_RTL"}, Autopilot.PX4: {"MISSION"}}
 _UNKNOWN_U16, _UNKNOWN_I8 = 0xFFFF, -1
 _IN_AIR_M = 2.0
@@ -142,6 +143,10 @@ def mode_name(autopilot: Autopilot | None, vehicle_type: int, custom_mode: int) 
         name: str = mavutil.interpret_px4_mode(0, custom_mode)
         return name
     names = mavutil.mode_mapping_bynumber(vehicle_type) if autopilot is Autopilot.ARDUPILOT else None
+    if names is None and autopilot is Autopilot.ARDUPILOT:
+        # Kinds that pymavlink does not list: VTOLs and the like fly by Plane's modes, whatever else hovers by Copter's.
+        plane = vehicle_type in _FLIES_LIKE_A_PLANE
+        names = mavutil.mode_mapping_bynumber(mavlink.MAV_TYPE_FIXED_WING if plane else mavlink.MAV_TYPE_QUADROTOR)
     return (names or {}).get(custom_mode) or f"mode {custom_mode}"
 
 

@@ -63,7 +63,7 @@ class Patience:
     item_s: float = 0.25
     count_s: float = 1.0
     stall_s: float = 10.0  # ArduPilot itself gives up a transfer after 8 s
-    no_space_s: float = 20.0  # just after boot the storage says that it is full
+    no_space_s: float = 30.0  # just after boot the storage says that it is full
 
 
 class Talk:

@@ -33,6 +33,7 @@ _SAME_REFUSALS = {True: 4, False: 2}  # how often the same refusal is believed: 
 _CLEAR_REFUSALS = 4
 _BUSY_PAUSE_S, _NO_SPACE_PAUSE_S, _RETRY_PAUSE_S = 1.0, 2.0, 0.3
 _SLOWEST_REQUEST_S = 1.5
+_SLOWEST_ITEM_S = 5.0  # over a satellite; slower ones are given up
 _MOST_AHEAD = 3
 _FIRST_GAP_S, _LONGEST_GAP_S = 0.1, 0.4
 
@@ -71,7 +72,7 @@ def ack_name(code: int) -> str:
 
 def upload(talk: Talk, kind: Kind, items: Sequence[WireItem]) -> Steps[Transfer]:
     """Send a list, from MISSION_COUNT again wherever an attempt fails; DONE means that it must now be read back."""
-    give_up_s = talk.now_s + 3 * talk.patience.timeout_s + len(items)
+    give_up_s = talk.now_s + 3 * talk.patience.timeout_s + _SLOWEST_ITEM_S * len(items)
     refusals: dict[tuple[int, int], int] = {}
     while talk.now_s < give_up_s:
         attempt = yield from _upload_once(talk, kind, items, give_up_s)
@@ -165,7 +166,7 @@ def download(
         counted = yield from _ask_count(talk, kind, serving, until_s)
         if isinstance(counted, Transfer):
             return counted
-        read = yield from _ask_items(talk, kind, counted, serving, until_s + 2 * counted, pace, stage)
+        read = yield from _ask_items(talk, kind, counted, serving, until_s + _SLOWEST_ITEM_S * counted, pace, stage)
         if read is not None:
             talk.say(_ack(talk, kind, _OK))
             return Transfer(End.DONE, items=read)

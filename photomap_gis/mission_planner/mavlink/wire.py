@@ -105,7 +105,7 @@ def mission_of(lists: Lists, autopilot: Autopilot) -> tuple[Mission, tuple[str, 
     polygons, circles = _fence_of(lists.get(Kind.FENCE, ()), warnings)
     rally = tuple(RallyPoint(to_degrees(i.x), to_degrees(i.y), i.z) for i in lists.get(Kind.RALLY, ()))
     mission = Mission(
-        items=tuple(_mission_item(i) for i in items),
+        items=tuple(_mission_item(i, autopilot) for i in items),
         fence_polygons=polygons,
         fence_circles=circles,
         rally=rally,
@@ -148,6 +148,8 @@ def _home_item(home: Home | None) -> WireItem:
 
 def _wire_item(item: MissionItem, autopilot: Autopilot) -> WireItem:
     placed = cmd.has_place(item.command)
+    if item.command == cmd.DO_JUMP:
+        item = replace(item, params=_jump(item.params, first_seq(autopilot) - 1))
     if autopilot is Autopilot.PX4 and item.command in cmd.PX4_WITHOUT_PLACE:
         return WireItem(item.command, cmd.FRAME_MISSION, item.params, autocontinue=item.autocontinue)
     x, y, z = (0.0 if math.isnan(v) and not placed else v for v in (item.x, item.y, item.z))
@@ -175,15 +177,21 @@ def _without_nan(item: WireItem) -> WireItem:
     return replace(item, params=(params[0], params[1], params[2], params[3]))
 
 
-def _mission_item(item: WireItem) -> MissionItem:
+def _jump(params: tuple[float, float, float, float], change: int) -> tuple[float, float, float, float]:
+    """A jump's target counts from 1 for the first item, on the wire from that item's number there."""
+    return (params[0] + change, *params[1:])
+
+
+def _mission_item(item: WireItem, autopilot: Autopilot) -> MissionItem:
     placed = cmd.has_place(item.command)
+    params = _jump(item.params, 1 - first_seq(autopilot)) if item.command == cmd.DO_JUMP else item.params
     # PX4 answers with the _INT frames; files and people use the plain ones.
     plain = {cmd.FRAME_GLOBAL_INT: cmd.FRAME_GLOBAL, cmd.FRAME_RELATIVE_INT: cmd.FRAME_RELATIVE,
              cmd.FRAME_TERRAIN_INT: cmd.FRAME_TERRAIN}  # fmt: skip
     return MissionItem(
         command=item.command,
         frame=plain.get(item.frame, item.frame) if placed else cmd.FRAME_MISSION,
-        params=item.params,
+        params=params,
         x=to_degrees(item.x) if placed else float(item.x),
         y=to_degrees(item.y) if placed else float(item.y),
         z=item.z,

@@ -61,6 +61,14 @@ def test_px4_takes_a_landing_start_without_a_place_only():
     assert (item.frame, item.x, item.y) == (2, 0, 0)
 
 
+def test_jumps_point_at_the_same_item_on_either_wire():
+    mission = Mission(items=(MissionItem(22, 3, z=9.0), MissionItem(16, 3, x=1.0), MissionItem(177, 2, (2.0, 3, 0, 0))))
+    for autopilot, target in ((Autopilot.ARDUPILOT, 2.0), (Autopilot.PX4, 1.0)):
+        lists = lists_of(mission, autopilot)
+        assert lists[Kind.MISSION][-1].params == (target, 3, 0, 0)
+        assert mission_of(lists, autopilot)[0].items == mission.items
+
+
 def test_a_place_that_is_no_number_is_an_error():
     with pytest.raises(DataError, match="not a number"):
         lists_of(Mission(items=(MissionItem(16, 3, x=math.nan, y=7.0),)), Autopilot.PX4)
