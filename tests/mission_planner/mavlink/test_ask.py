@@ -1,5 +1,7 @@
 """Who is on a link, and what is made of what it says."""
 
+from itertools import pairwise
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -79,9 +81,7 @@ def test_our_heartbeat_goes_out_once_a_second(talk):
     crowd = Crowd()
     converse(talk, find_vehicle(talk, Wanted(), 10.0), crowd)
     times = [t for t, kind in crowd.heard if kind == "HEARTBEAT"]
-    assert times[0] == 0.0 and all(
-        b - a == pytest.approx(HEARTBEAT_EVERY_S) for a, b in zip(times, times[1:], strict=False)
-    )
+    assert times[0] == 0.0 and all(b - a == pytest.approx(HEARTBEAT_EVERY_S) for a, b in pairwise(times))
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
