@@ -93,9 +93,10 @@ def ask_params(talk: Talk, names: Sequence[str], timeout_s: float) -> Steps[dict
                 if name not in values:
                     talk.say(mavlink.MAVLink_param_request_read_message(*talk.target, name.encode(), -1))
             again_s = talk.now_s + _AGAIN_S
-        message = yield from talk.answer(min(again_s, end_s))
+        message = yield from talk.wait(min(again_s, end_s))
         if message is not None and message.get_type() == "PARAM_VALUE" and message.param_id in names:
             values[message.param_id] = message.param_value
+    talk.last_answer_s = talk.now_s  # a vehicle need not have any of these
     return values
 
 

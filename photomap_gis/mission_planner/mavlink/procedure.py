@@ -6,7 +6,7 @@ All of it is steps (``talk``): no socket, no clock, no file. Nothing here arms, 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from photomap_gis.core.errors import LinkError
@@ -25,6 +25,7 @@ from photomap_gis.mission_planner.mavlink.wire import (
     Lists,
     WireItem,
     first_seq,
+    kinds_of,
     lists_of,
     mission_of,
     without_home,
@@ -87,8 +88,7 @@ def upload_mission(
             return ended(_untouched(why_not), count)
         talk.forbids_mission_mode = not (options.replaces_active and autopilot is Autopilot.PX4)
         params = {} if autopilot is Autopilot.PX4 else (yield from ask_params(talk, _PARAMS, _PARAMS_S))
-        new = lists_of(mission, autopilot)
-        previous, why_not, warnings = yield from _previous(talk, new)
+        previous, why_not, warnings = yield from _previous(talk, kinds_of(mission))
         if why_not:
             return ended(_untouched(why_not), count)
         situation = _situation(talk, mission, previous, params)
@@ -285,9 +285,7 @@ def _await_mode(talk: Talk, options: UploadOptions, say: Callable[[str], None]) 
     return f"the vehicle stayed in {talk.vehicle.mode}" if talk.vehicle.flies_mission else ""
 
 
-def _previous(
-    talk: Talk, new: Mapping[Kind, object]
-) -> Steps[tuple[dict[Kind, tuple[WireItem, ...]], str, tuple[str, ...]]]:
+def _previous(talk: Talk, new: Container[Kind]) -> Steps[tuple[dict[Kind, tuple[WireItem, ...]], str, tuple[str, ...]]]:
     """Return what the vehicle holds now, why that cannot be read, and warnings.
 
     The lists that will be replaced must be read; the fence is read besides, since the mission is judged by it.
@@ -300,7 +298,9 @@ def _previous(
             if read.end is not End.DONE:
                 return {}, f"the vehicle's present {kind.name.lower()} cannot be read and saved: {read.reason}", ()
         elif kind is Kind.FENCE:
-            read = yield from download(talk, kind, stage="read fence", give_up_s=talk.now_s + _OPTIONAL_LIST_S)
+            seconds = min(_OPTIONAL_LIST_S, talk.patience.timeout_s / 2)  # silence on this is no silence
+            read = yield from download(talk, kind, stage="read fence", give_up_s=talk.now_s + seconds)
+            talk.last_answer_s = talk.now_s
             if read.end is not End.DONE:
                 warnings.append("the vehicle's fence cannot be read: the mission was not checked against it")
                 continue

@@ -73,7 +73,8 @@ def _bad_items(items: Sequence[MissionItem], autopilot: Autopilot) -> list[str]:
     for n, item in enumerate(items, start=1):
         placed = cmd.has_place(item.command)
         why = None
-        if placed and not (abs(item.x) <= 90 and abs(item.y) <= 180):
+        here = item.command in cmd.TAKEOFFS | cmd.LANDINGS and math.isnan(item.x) and math.isnan(item.y)
+        if placed and not here and not (abs(item.x) <= 90 and abs(item.y) <= 180):
             why = f"the place {item.x:g}, {item.y:g} is not on Earth"
         elif placed and not math.isfinite(item.z):
             why = "the altitude is not a number"
@@ -244,7 +245,7 @@ def _enforces(situation: Situation, bit: int) -> bool:
 
 
 def _is_placed_leg(item: MissionItem) -> bool:
-    return item.command in cmd.LEG_ENDS and (item.x != 0 or item.y != 0)
+    return item.command in cmd.LEG_ENDS and math.isfinite(item.x + item.y) and (item.x != 0 or item.y != 0)
 
 
 def _few(found: list[str]) -> list[str]:

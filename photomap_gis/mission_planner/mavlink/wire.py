@@ -85,8 +85,9 @@ def lists_of(mission: Mission, autopilot: Autopilot, home: Home | None = None) -
     """
     lists: dict[Kind, tuple[WireItem, ...]] = {}
     if mission.items:
-        items = tuple(_wire_item(item, autopilot) for item in mission.items)
-        lists[Kind.MISSION] = (_home_item(home or mission.home), *items) if _has_home(autopilot) else items
+        known = home or mission.home
+        items = tuple(_wire_item(item, autopilot, known) for item in mission.items)
+        lists[Kind.MISSION] = (_home_item(known), *items) if _has_home(autopilot) else items
     fence = [*_polygon_items(mission.fence_polygons), *_circle_items(mission.fence_circles)]
     if fence:
         lists[Kind.FENCE] = tuple(fence)
@@ -96,6 +97,13 @@ def lists_of(mission: Mission, autopilot: Autopilot, home: Home | None = None) -
             for p in mission.rally
         )
     return lists
+
+
+def kinds_of(mission: Mission) -> frozenset[Kind]:
+    """Return the lists of which a mission has anything."""
+    has_fence = bool(mission.fence_polygons or mission.fence_circles)
+    has = {Kind.MISSION: bool(mission.items), Kind.FENCE: has_fence, Kind.RALLY: bool(mission.rally)}
+    return frozenset(kind for kind, is_there in has.items() if is_there)
 
 
 def mission_of(lists: Lists, autopilot: Autopilot) -> tuple[Mission, tuple[str, ...]]:
@@ -146,15 +154,15 @@ def _home_item(home: Home | None) -> WireItem:
     )
 
 
-def _wire_item(item: MissionItem, autopilot: Autopilot) -> WireItem:
+def _wire_item(item: MissionItem, autopilot: Autopilot, home: Home | None) -> WireItem:
     placed = cmd.has_place(item.command)
+    if placed and (math.isnan(item.x) or math.isnan(item.y)):
+        item = _placed_here(item, autopilot, home)
     if item.command == cmd.DO_JUMP:
         item = replace(item, params=_jump(item.params, first_seq(autopilot) - 1))
     if autopilot is Autopilot.PX4 and item.command in cmd.PX4_WITHOUT_PLACE:
         return WireItem(item.command, cmd.FRAME_MISSION, item.params, autocontinue=item.autocontinue)
     x, y, z = (0.0 if math.isnan(v) and not placed else v for v in (item.x, item.y, item.z))
-    if not all(map(math.isfinite, (x, y))):
-        raise DataError(f"command {item.command}: its place is not a number; give it a latitude and longitude")
     wire = WireItem(
         command=item.command,
         frame=item.frame if placed else cmd.FRAME_MISSION,
@@ -165,6 +173,16 @@ def _wire_item(item: MissionItem, autopilot: Autopilot) -> WireItem:
         autocontinue=item.autocontinue,
     )
     return _without_nan(wire) if autopilot is Autopilot.ARDUPILOT else wire
+
+
+def _placed_here(item: MissionItem, autopilot: Autopilot, home: Home | None) -> MissionItem:
+    """Give a take-off or landing "where the vehicle is" its place: 0, 0 for ArduPilot, home for PX4."""
+    if item.command in cmd.TAKEOFFS | cmd.LANDINGS:
+        if autopilot is Autopilot.ARDUPILOT:
+            return replace(item, x=0.0, y=0.0)
+        if home is not None:
+            return replace(item, x=home.lat_deg, y=home.lon_deg)
+    raise DataError(f"command {item.command}: its place is not known; give it a latitude and longitude")
 
 
 def _without_nan(item: WireItem) -> WireItem:

@@ -43,6 +43,7 @@ def test_a_sound_mission_passes():
     ("item", "why"),
     [
         (at(91, 7), "not on Earth"),
+        (at(math.nan, 7), "not on Earth"),
         (at(51.5, 7.4, math.nan), "altitude"),
         (at(51.5, 7.4, frame=1), "frame 1"),
         (at(51.5, 7.4, params=(math.nan, 0, 0, 0)), "hold time"),

@@ -69,8 +69,17 @@ def test_jumps_point_at_the_same_item_on_either_wire():
         assert mission_of(lists, autopilot)[0].items == mission.items
 
 
+def test_a_take_off_where_the_vehicle_is():
+    mission = Mission(items=(MissionItem(22, 3, x=math.nan, y=math.nan, z=9.0),))
+    home = Home(51.5, 7.4, 100.0)
+    assert lists_of(mission, Autopilot.ARDUPILOT, home)[Kind.MISSION][1].x == 0
+    assert lists_of(mission, Autopilot.PX4, home)[Kind.MISSION][0].x == 515_000_000
+    with pytest.raises(DataError, match="not known"):
+        lists_of(mission, Autopilot.PX4)
+
+
 def test_a_place_that_is_no_number_is_an_error():
-    with pytest.raises(DataError, match="not a number"):
+    with pytest.raises(DataError, match="not known"):
         lists_of(Mission(items=(MissionItem(16, 3, x=math.nan, y=7.0),)), Autopilot.PX4)
 
 
