@@ -194,7 +194,7 @@ def test_auto_is_refused_and_waited_for(vehicle, plan, capsys):
 
 def test_mission_mode_in_mid_upload(vehicle, plan, capsys):
     there = vehicle("--mission-mode-at-item=9")
-    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q", "--timeout", "4")
+    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q", "--timeout", "6")
     result = json.loads(out)
     assert code == 4 and result["outcome"] == "refused" and result["holds"] == "mixed"
     assert f"the first {len(there.commands()) - 1} " in result["message"]
@@ -202,7 +202,7 @@ def test_mission_mode_in_mid_upload(vehicle, plan, capsys):
 
 def test_silence_is_unknown_and_restore_finishes_the_job(vehicle, plan, capsys, tmp_path):
     there = vehicle("--silent-at-item=9", link="udp")
-    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q", "--timeout", "2")
+    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q", "--timeout", "5")
     result = json.loads(out)
     assert code == 4 and result["outcome"] == "unknown" and "may hold" in result["message"]
     other = vehicle(link="udp")

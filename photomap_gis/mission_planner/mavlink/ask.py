@@ -50,6 +50,8 @@ def find_vehicle(talk: Talk, wanted: Wanted, timeout_s: float) -> Steps[VehicleS
             if not found:
                 end_s = min(end_s, talk.now_s + _LISTEN_S)
             found[key] = first_state(message, talk.now_s)
+            if wanted.system is not None and key[1] == mavlink.MAV_COMP_ID_AUTOPILOT1:
+                break  # there can be no other
     if not found:
         return None
     systems = sorted({system for system, _ in found})

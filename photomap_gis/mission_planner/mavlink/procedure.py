@@ -209,9 +209,9 @@ def download_lists(talk: Talk, kinds: tuple[Kind, ...], options: UploadOptions) 
             if read.end is End.DONE:
                 lists[kind] = read.items
             elif kind is Kind.MISSION or read.end is not End.REFUSED:
-                raise LinkError(f"the {kind.name.lower()} cannot be read: {read.reason}")
+                raise LinkError(f"the {kind.name.lower()} cannot be read: {read.reason()}")
             else:
-                warnings.append(f"the vehicle has no {kind.name.lower()} list ({read.reason})")
+                warnings.append(f"the vehicle has no {kind.name.lower()} list ({read.reason()})")
     except Unreachable as error:
         raise LinkError(
             f"the vehicle did not answer for {talk.patience.timeout_s:g} s: bring the antennas closer and try again, "
@@ -296,7 +296,7 @@ def _previous(talk: Talk, new: Container[Kind]) -> Steps[tuple[dict[Kind, tuple[
         if kind in new:
             read = yield from _read_surely(talk, kind)
             if read.end is not End.DONE:
-                return {}, f"the vehicle's present {kind.name.lower()} cannot be read and saved: {read.reason}", ()
+                return {}, f"the vehicle's present {kind.name.lower()} cannot be read and saved: {read.reason()}", ()
         elif kind is Kind.FENCE:
             seconds = min(_OPTIONAL_LIST_S, talk.patience.timeout_s / 2)  # silence on this is no silence
             read = yield from download(talk, kind, stage="read fence", give_up_s=talk.now_s + seconds)

@@ -76,18 +76,19 @@ def replace_lists(talk: Talk, new: Lists, previous: Lists, *, puts_back: bool = 
 def _put(talk: Talk, kind: Kind, items: Sequence[WireItem], autopilot: Autopilot) -> Steps[_Put]:
     """Upload a list and read it back, a few times."""
     last = _Put(None, "nothing was tried")
+    first = first_seq(autopilot) if kind is Kind.MISSION else 0
     for _ in range(_ROUNDS):
-        is_empty = len(items) <= (first_seq(autopilot) if kind is Kind.MISSION else 0)
+        is_empty = len(items) <= first
         sent: Transfer = (yield from clear(talk, kind)) if is_empty else (yield from upload(talk, kind, items))
         if sent.end is not End.DONE:
-            return _Put(last.comparison, sent.reason)
+            return _Put(last.comparison, sent.reason(first))
         for _ in range(2):  # an echo may be wrong itself
             read = yield from download(talk, kind, serving=items, stage=f"check {kind.name.lower()}")
             if read.end is not End.DONE:
-                return _Put(last.comparison, f"it cannot be read back: {read.reason}")
+                return _Put(last.comparison, f"it cannot be read back: {read.reason()}")
             comparison = compare(kind, items, read.items, autopilot)
-            first = str(comparison.differences[0]) if comparison.differences else ""
-            last = _Put(comparison, f"what was read back differs ({first})" if first else "")
+            told = str(comparison.differences[0]) if comparison.differences else ""
+            last = _Put(comparison, f"what was read back differs ({told})" if told else "")
             if comparison.is_same:
                 return last
     return last
@@ -163,10 +164,8 @@ def _look(
         for kind in touched:
             read = yield from download(talk, kind, stage=f"look {kind.name.lower()}")
             if read.end is not End.DONE:
-                return Replaced(
-                    Outcome.REFUSED, Holds.MIXED, f"{why}; {kind.name.lower()} cannot be read ({read.reason}); {_HINT}",
-                    dict(comparisons),
-                )  # fmt: skip
+                words = f"{why}; {kind.name.lower()} cannot be read ({read.reason()}); {_HINT}"
+                return Replaced(Outcome.REFUSED, Holds.MIXED, words, dict(comparisons))
             same_new = kind in new and compare(kind, new[kind], read.items, autopilot).is_same
             same_before = compare(kind, previous.get(kind, ()), read.items, autopilot).is_same
             is_new, is_previous = is_new and same_new, is_previous and same_before

@@ -55,10 +55,9 @@ class Transfer:
     code: int = _OK
     seq: int = -1
 
-    @property
-    def reason(self) -> str:
-        """Say why it ended so."""
-        where = f"item {self.seq}" if self.seq >= 0 else "the list"
+    def reason(self, first_seq: int = 0) -> str:
+        """Say why it ended so; items are counted from 1 for the one that has ``first_seq`` on the wire."""
+        where = f"item {self.seq - first_seq + 1}" if self.seq >= first_seq else "the list"
         if self.end is End.REFUSED:
             return f"the vehicle refused {where} with {ack_name(self.code)}"
         return "the transfer failed again and again" if self.end is End.FAILED else "done"

@@ -68,7 +68,8 @@ class Server:
             sources: list[Any] = [self._socket, *([self._client] if self._client else [])]
             if self._stdin_open:
                 sources.append(sys.stdin)
-            for source in select.select(sources, [], [], _TICK_S)[0]:
+            wait_s = min(_TICK_S, max(0.0, self._late[0][0] - time.monotonic())) if self._late else _TICK_S
+            for source in select.select(sources, [], [], wait_s)[0]:
                 if source is sys.stdin:
                     self._order(sys.stdin.readline())
                 elif source is self._socket and self._is_tcp:

@@ -84,6 +84,7 @@ def test_a_reboot_in_mid_upload(upload, autopilot):
 def test_a_refused_item_puts_the_old_back(upload, autopilot):
     run = upload(autopilot, faults=Misbehaviour(refuses_command=16))
     assert run.report.outcome == "restored" and run.holds_old
+    assert "item 2 with UNSUPPORTED" in run.report.message or autopilot is ARDUPILOT  # there home is a waypoint too
     assert "UNSUPPORTED" in run.report.message and run.report.saved_previous == "saved.json"
 
 
