@@ -35,6 +35,11 @@ class Vehicle:
         self.url = {"tcp": f"tcp:127.0.0.1:{self.port}", "udp": f"udpout:127.0.0.1:{self.port}",
                     "udpout": f"udpin:127.0.0.1:{self.port}"}[link]  # fmt: skip
 
+    @property
+    def at(self) -> tuple[str, ...]:
+        """Where it is; with its number nobody else is waited for."""
+        return ("--connect", self.url, "--system", "1")
+
     def order(self, **words: object) -> None:
         self.process.stdin.write(json.dumps(words) + "\n")
         self.process.stdin.flush()
@@ -109,7 +114,7 @@ def start(*arguments: object) -> subprocess.Popen:
 
 def test_upload_download_clear_restore(vehicle, plan, capsys, tmp_path):
     there, path = vehicle(), plan()
-    code, out, _ = run(capsys, "upload", path, "--connect", there.url, "--json", "--tlog", tmp_path / "a.tlog")
+    code, out, _ = run(capsys, "upload", path, *there.at, "--json", "--tlog", tmp_path / "a.tlog")
     result = json.loads(out)
     assert code == 0 and result["outcome"] == "verified" and result["items"] == 19 and result["differences"] == []
     assert Path(result["saved_previous"]).parent == tmp_path and result["seconds"] > 0
@@ -117,7 +122,7 @@ def test_upload_download_clear_restore(vehicle, plan, capsys, tmp_path):
     assert [len(truth["lists"][k]) for k in "012"] == [20, 5, 1] and not truth["armed"]
 
     back = tmp_path / "back.plan"
-    code, out, _ = run(capsys, "download", "--connect", there.url, "-o", back, "--json")
+    code, out, _ = run(capsys, "download", *there.at, "-o", back, "--json")
     assert code == 0 and json.loads(out)["items"] == 19
     sent, read = read_mission(path), read_mission(back)
     assert [(i.command, i.x, i.y) for i in read.items] == [(i.command, i.x, i.y) for i in sent.items]
@@ -128,13 +133,11 @@ def test_upload_download_clear_restore(vehicle, plan, capsys, tmp_path):
     )
 
     kept = tmp_path / "kept.json"
-    code, out, _ = run(capsys, "clear", "--connect", there.url, "--save-previous", kept)
+    code, out, _ = run(capsys, "clear", *there.at, "--save-previous", kept)
     assert code == 0 and "cleared" in out
     assert [len(items) for items in there.truth()["lists"].values()] == [0, 0, 0]
 
-    code, out, _ = run(
-        capsys, "upload", "--restore", kept, "--connect", there.url, "--save-previous", tmp_path / "x.json"
-    )
+    code, out, _ = run(capsys, "upload", "--restore", kept, *there.at, "--save-previous", tmp_path / "x.json")
     assert code == 0 and out.startswith("verified")
     assert there.truth()["lists"] == truth["lists"]
 
@@ -156,7 +159,7 @@ def test_by_udp_with_loss(vehicle, plan, capsys, link, autopilot):
             probe.bind(("127.0.0.1", 0))
             port = probe.getsockname()[1]
     there = vehicle(f"--autopilot={autopilot}", "--loss=0.1", "--duplicate=0.1", link=link, port=port)
-    code, out, _ = run(capsys, "upload", plan(autopilot=autopilot, lines=1), "--connect", there.url, "--json", "-q")
+    code, out, _ = run(capsys, "upload", plan(autopilot=autopilot, lines=1), *there.at, "--json", "-q")
     assert code == 0 and json.loads(out)["outcome"] == "verified"
     expected = [22, 178, 16, 206, 16, 206, 20]
     assert there.commands() == ([16, *expected] if autopilot is Autopilot.ARDUPILOT else expected)
@@ -164,13 +167,13 @@ def test_by_udp_with_loss(vehicle, plan, capsys, link, autopilot):
 
 def test_a_reboot_closes_tcp_and_the_upload_goes_on(vehicle, plan, capsys):
     there = vehicle("--reboot-at-item=7", "--no-space-after-boot=1")
-    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q")
+    code, out, _ = run(capsys, "upload", plan(), *there.at, "--json", "-q")
     assert code == 0 and json.loads(out)["outcome"] == "verified" and len(there.commands()) == 20
 
 
 def test_a_refused_item_is_restored_with_exit_code_4(vehicle, plan, capsys):
     there = vehicle("--refuses-command=206")
-    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q")
+    code, out, _ = run(capsys, "upload", plan(), *there.at, "--json", "-q")
     result = json.loads(out)
     assert code == 4 and result["outcome"] == "restored" and result["holds"] == "previous"
     assert there.commands() == []
@@ -178,9 +181,9 @@ def test_a_refused_item_is_restored_with_exit_code_4(vehicle, plan, capsys):
 
 def test_auto_is_refused_and_waited_for(vehicle, plan, capsys):
     there, path = vehicle("--mode=AUTO", "--armed", "--height=50"), plan()
-    code, out, _ = run(capsys, "upload", path, "--connect", there.url, "--json", "-q")
+    code, out, _ = run(capsys, "upload", path, *there.at, "--json", "-q")
     assert code == 4 and json.loads(out)["outcome"] == "refused" and there.commands() == []
-    process = start("upload", path, "--connect", there.url, "--json", "--wait-mode", "--start-at", "nearest")
+    process = start("upload", path, *there.at, "--json", "--wait-mode", "--start-at", "nearest")
     for line in process.stderr:
         if "waiting" in line:
             there.order(mode="LOITER")
@@ -194,7 +197,7 @@ def test_auto_is_refused_and_waited_for(vehicle, plan, capsys):
 
 def test_mission_mode_in_mid_upload(vehicle, plan, capsys):
     there = vehicle("--mission-mode-at-item=9")
-    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q", "--timeout", "6")
+    code, out, _ = run(capsys, "upload", plan(), *there.at, "--json", "-q", "--timeout", "6")
     result = json.loads(out)
     assert code == 4 and result["outcome"] == "refused" and result["holds"] == "mixed"
     assert f"the first {len(there.commands()) - 1} " in result["message"]
@@ -202,11 +205,11 @@ def test_mission_mode_in_mid_upload(vehicle, plan, capsys):
 
 def test_silence_is_unknown_and_restore_finishes_the_job(vehicle, plan, capsys, tmp_path):
     there = vehicle("--silent-at-item=9", link="udp")
-    code, out, _ = run(capsys, "upload", plan(), "--connect", there.url, "--json", "-q", "--timeout", "5")
+    code, out, _ = run(capsys, "upload", plan(), *there.at, "--json", "-q", "--timeout", "5")
     result = json.loads(out)
     assert code == 4 and result["outcome"] == "unknown" and "may hold" in result["message"]
     other = vehicle(link="udp")
-    code, out, _ = run(capsys, "upload", "--restore", result["saved_previous"], "--connect", other.url, "--json", "-q")
+    code, out, _ = run(capsys, "upload", "--restore", result["saved_previous"], *other.at, "--json", "-q")
     assert code == 0 and json.loads(out)["outcome"] == "verified" and other.commands() == []
 
 
@@ -226,7 +229,7 @@ def test_nobody_there(capsys, plan):
 
 def test_ctrl_c_brings_it_to_a_known_state(vehicle, plan, tmp_path):
     there, path = vehicle("--delay=0.02"), plan(lines=6)
-    process = start("upload", path, "--connect", there.url, "--json")
+    process = start("upload", path, *there.at, "--json")
     for line in process.stderr:
         if line.startswith("check rally"):  # the mission is under way next
             break
@@ -239,9 +242,9 @@ def test_ctrl_c_brings_it_to_a_known_state(vehicle, plan, tmp_path):
 
 def test_vehicle_tells_who_is_there(vehicle, capsys):
     there = vehicle("--height=30", "--armed")
-    code, out, _ = run(capsys, "vehicle", "--connect", there.url)
+    code, out, _ = run(capsys, "vehicle", *there.at)
     assert code == 0 and "ardupilot 4.7.0" in out and "LOITER, armed" in out and "30.0 m above home" in out
-    code, out, _ = run(capsys, "vehicle", "--connect", there.url, "--watch", "--times", "3", "--every", "0.2")
+    code, out, _ = run(capsys, "vehicle", *there.at, "--watch", "--times", "3", "--every", "0.2")
     lines = [json.loads(line) for line in out.splitlines()]
     assert code == 0 and len(lines) == 3
     assert {"autopilot", "type", "version", "mode", "armed", "lat_deg", "battery_percent", "mission"} <= set(lines[0])
@@ -251,7 +254,7 @@ def test_signing(vehicle, capsys, tmp_path):
     key = tmp_path / "key"
     key.write_bytes(os.urandom(32))
     there = vehicle(f"--signing-key={key}")
-    code, out, _ = run(capsys, "vehicle", "--connect", there.url, "--signing-key", key, "--json")
+    code, out, _ = run(capsys, "vehicle", *there.at, "--signing-key", key, "--json")
     assert code == 0 and json.loads(out)["version"] == "4.7.0-dev"
 
 
