@@ -82,13 +82,14 @@ class MavlinkLink:
             data = self._transport.read(max(0.0, end_s - self.now_s()))
             if data:
                 self._parse(data)
-            elif self.now_s() >= end_s:
+            if not self._queue and self.now_s() >= end_s:  # noise must not hold the conversation up
                 return None
         return self._queue.popleft()
 
     def _parse(self, data: bytes) -> None:
         for message in self._mav.parse_buffer(data) or ():
-            if message.get_type() == "BAD_DATA":
+            # What pymavlink does not know has no checksum and no signature checked.
+            if message.get_type() == "BAD_DATA" or message.get_type().startswith("UNKNOWN"):
                 continue
             self._log(message.get_msgbuf())
             self.hears_signed = self.hears_signed or bool(message.get_signed())
