@@ -256,6 +256,8 @@ def test_signing(vehicle, capsys, tmp_path):
     there = vehicle(f"--signing-key={key}")
     code, out, _ = run(capsys, "vehicle", *there.at, "--signing-key", key, "--json")
     assert code == 0 and json.loads(out)["version"] == "4.7.0-dev"
+    code, _, err = run(capsys, "download", *there.at, "-o", tmp_path / "a.plan", "--timeout", "2")
+    assert code == 4 and "--signing-key" in err
 
 
 def test_several_vehicles_must_be_named(vehicle, capsys):

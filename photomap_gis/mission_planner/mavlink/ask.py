@@ -38,6 +38,7 @@ def find_vehicle(talk: Talk, wanted: Wanted, timeout_s: float) -> Steps[VehicleS
     """
     end_s = talk.now_s + timeout_s
     found: dict[tuple[int, int], VehicleState] = {}
+    talk.on_progress("vehicle", 0, 1)
     while talk.now_s < end_s:
         talk.last_answer_s = talk.now_s  # nothing was asked yet
         message = yield from talk.wait(end_s)
@@ -59,6 +60,7 @@ def find_vehicle(talk: Talk, wanted: Wanted, timeout_s: float) -> Steps[VehicleS
         raise LinkError(f"several vehicles are on this link ({', '.join(map(str, systems))}): name one by --system")
     # Of the components that call themselves autopilot the first is the flight controller.
     talk.state = found[min(found)]
+    talk.on_progress("vehicle", 1, 1)
     talk.last_answer_s = talk.now_s
     return talk.state
 

@@ -33,7 +33,6 @@ class MavlinkLink:
     ) -> None:
         self._transport = transport
         self._queue: deque[Message] = deque()
-        self.hears_signed = False
         self._mav = mavlink.MAVLink(self, srcSystem=me.system, srcComponent=me.component)
         self._mav.robust_parsing = True
         self._target = 0
@@ -92,7 +91,6 @@ class MavlinkLink:
             if message.get_type() == "BAD_DATA" or message.get_type().startswith("UNKNOWN"):
                 continue
             self._log(message.get_msgbuf())
-            self.hears_signed = self.hears_signed or bool(message.get_signed())
             self._queue.append(message)
 
     def _log(self, packet: bytes) -> None:

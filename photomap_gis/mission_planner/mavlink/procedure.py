@@ -88,7 +88,7 @@ def upload_mission(
             return ended(_untouched(why_not), count)
         talk.forbids_mission_mode = not (options.replaces_active and autopilot is Autopilot.PX4)
         params = {} if autopilot is Autopilot.PX4 else (yield from ask_params(talk, _PARAMS, _PARAMS_S))
-        previous, why_not, warnings = yield from _previous(talk, kinds_of(mission))
+        previous, why_not, warnings = yield from _previous(talk, kinds_of(mission), reads_fence=bool(mission.items))
         if why_not:
             return ended(_untouched(why_not), count)
         situation = _situation(talk, mission, previous, params)
@@ -104,9 +104,9 @@ def upload_mission(
         if why_not:
             return ended(_untouched(why_not), count, warnings)
         new = lists_of(mission, autopilot, situation.home)
-        saved = save(talk.vehicle, previous)
+        saved = save(talk.vehicle, {kind: items for kind, items in previous.items() if kind in new})
     except Unreachable:
-        silent = f"the vehicle sends but did not answer for {talk.patience.timeout_s:g} s; nothing was changed"
+        silent = f"{talk.silence}; nothing was changed"
         return ended(Replaced(Outcome.UNKNOWN, Holds.UNKNOWN, silent), count)
     except MissionModeEntered:
         return ended(_untouched(f"the vehicle went to {talk.vehicle.mode} in the meantime"), count)
@@ -150,7 +150,7 @@ def restore_lists(
         if why_not:
             return Report(Outcome.REFUSED, Holds.PREVIOUS, why_not, count, talk.now_s - begun_s, vehicle=talk.state)
         talk.forbids_mission_mode = not (options.replaces_active and autopilot is Autopilot.PX4)
-        previous, why_not, warnings = yield from _previous(talk, lists)
+        previous, why_not, warnings = yield from _previous(talk, lists, reads_fence=False)
         if why_not:
             return Report(Outcome.REFUSED, Holds.PREVIOUS, why_not, count, talk.now_s - begun_s, vehicle=talk.state)
         saved = save(talk.vehicle, previous)
@@ -214,8 +214,7 @@ def download_lists(talk: Talk, kinds: tuple[Kind, ...], options: UploadOptions) 
                 warnings.append(f"the vehicle has no {kind.name.lower()} list ({read.reason()})")
     except Unreachable as error:
         raise LinkError(
-            f"the vehicle did not answer for {talk.patience.timeout_s:g} s: bring the antennas closer and try again, "
-            "or give a longer --timeout"
+            f"{talk.silence}: bring the antennas closer and try again, or give a longer --timeout"
         ) from error
     except Stopped as error:
         raise KeyboardInterrupt from error
@@ -250,7 +249,7 @@ def _before_anything(talk: Talk, event: Exception, count: int, begun_s: float) -
     outcome, holds = Outcome.REFUSED, Holds.PREVIOUS
     if isinstance(event, Unreachable):
         outcome, holds = Outcome.UNKNOWN, Holds.UNKNOWN
-        why = f"the vehicle sends but did not answer for {talk.patience.timeout_s:g} s"
+        why = talk.silence
     elif isinstance(event, MissionModeEntered):
         why = f"the vehicle went to {talk.vehicle.mode}"
     else:
@@ -285,10 +284,12 @@ def _await_mode(talk: Talk, options: UploadOptions, say: Callable[[str], None]) 
     return f"the vehicle stayed in {talk.vehicle.mode}" if talk.vehicle.flies_mission else ""
 
 
-def _previous(talk: Talk, new: Container[Kind]) -> Steps[tuple[dict[Kind, tuple[WireItem, ...]], str, tuple[str, ...]]]:
+def _previous(
+    talk: Talk, new: Container[Kind], *, reads_fence: bool
+) -> Steps[tuple[dict[Kind, tuple[WireItem, ...]], str, tuple[str, ...]]]:
     """Return what the vehicle holds now, why that cannot be read, and warnings.
 
-    The lists that will be replaced must be read; the fence is read besides, since the mission is judged by it.
+    The lists that will be replaced must be read; ``reads_fence`` besides, by which a mission is judged.
     """
     lists: dict[Kind, tuple[WireItem, ...]] = {}
     warnings: list[str] = []
@@ -297,7 +298,7 @@ def _previous(talk: Talk, new: Container[Kind]) -> Steps[tuple[dict[Kind, tuple[
             read = yield from _read_surely(talk, kind)
             if read.end is not End.DONE:
                 return {}, f"the vehicle's present {kind.name.lower()} cannot be read and saved: {read.reason()}", ()
-        elif kind is Kind.FENCE:
+        elif kind is Kind.FENCE and reads_fence:
             seconds = min(_OPTIONAL_LIST_S, talk.patience.timeout_s / 2)  # silence on this is no silence
             read = yield from download(talk, kind, stage="read fence", give_up_s=talk.now_s + seconds)
             talk.last_answer_s = talk.now_s

@@ -40,7 +40,12 @@ def run(
     ``on_open`` is given the talk, by which a signal's handler asks to stop. Raises ``UsageError`` for an address
     that is none, ``LinkError`` where it cannot be opened.
     """
-    talk = Talk(connection.me, Patience(timeout_s=connection.timeout_s), on_progress=on_progress)
+    talk = Talk(
+        connection.me,
+        Patience(timeout_s=connection.timeout_s),
+        on_progress=on_progress,
+        signs=connection.key is not None,
+    )
     transport = open_transport(parse_url(connection.url))
     with MavlinkLink(transport, connection.me, tlog=connection.tlog, key=connection.key) as link:
         if on_open is not None:

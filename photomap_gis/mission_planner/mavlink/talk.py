@@ -20,6 +20,7 @@ Steps = Generator[float, "Message | None", T]
 """Yields the moment (seconds of the link's clock) until which it waits; is sent a message, or None at that moment."""
 
 HEARTBEAT_EVERY_S = 1.0
+_MAVLINK_2, _SIGNED = 0xFD, 1
 
 
 class Unreachable(Exception):
@@ -69,8 +70,17 @@ class Patience:
 class Talk:
     """The memory of one conversation: who we are, what the vehicle said of itself, what is waiting to be sent."""
 
-    def __init__(self, me: Address, patience: Patience, *, on_progress: Callable[[str, int, int], None] | None = None):
+    def __init__(
+        self,
+        me: Address,
+        patience: Patience,
+        *,
+        on_progress: Callable[[str, int, int], None] | None = None,
+        signs: bool = False,
+    ) -> None:
         self.me = me
+        self.signs = signs
+        self.hears_signed = False
         self.patience = patience
         self.on_progress = on_progress or (lambda stage, done, total: None)
         self.now_s = 0.0
@@ -98,9 +108,18 @@ class Talk:
             return False
         if message.get_type() == "HEARTBEAT" and message.get_srcComponent() != self.state.component:
             return False  # a gimbal or camera of the same vehicle
+        self.hears_signed = self.hears_signed or is_signed(message.get_msgbuf())
         if self.state.component == message.get_srcComponent():
             self.state = updated(self.state, message, now_s)
         return True
+
+    @property
+    def silence(self) -> str:
+        """What is said of a vehicle that is heard and does not answer."""
+        words = f"the vehicle sends but did not answer for {self.patience.timeout_s:g} s"
+        if self.hears_signed and not self.signs:
+            words += " (it signs its messages: give --signing-key)"
+        return words
 
     @property
     def vehicle(self) -> VehicleState:
@@ -193,6 +212,11 @@ def converse(talk: Talk, steps: Steps[T], link: Link) -> T:
         talk.outbox.clear()
         result: T = end.value
         return result
+
+
+def is_signed(packet: bytes) -> bool:
+    """Whether a packet carries a signature; pymavlink tells only of those that it could check."""
+    return len(packet) > 2 and packet[0] == _MAVLINK_2 and bool(packet[2] & _SIGNED)
 
 
 def heartbeat() -> Message:

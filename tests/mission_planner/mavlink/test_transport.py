@@ -135,7 +135,8 @@ def test_signed_messages_are_heard_and_unsigned_are_not(port):
     with MavlinkLink(ours, ME, key=key) as a:
         with MavlinkLink(theirs, VEHICLE, key=key) as b:
             b.send(heartbeat())
-            assert a.receive(2.0).get_type() == "HEARTBEAT" and a.hears_signed
+            heard = a.receive(2.0)
+            assert heard.get_type() == "HEARTBEAT" and heard.get_signed()
         stranger = Udp(listens_at=None, sends_to=("127.0.0.1", port))
         with MavlinkLink(stranger, VEHICLE) as c:
             c.send(heartbeat())

@@ -311,3 +311,9 @@ def test_no_run_ends_with_a_false_claim(upload, autopilot, faults, weather, seed
 
 def test_lists_of_a_mission_without_a_fence_leave_the_fence_out():
     assert set(lists_of(Mission(_lines()), PX4)) == {Kind.MISSION}
+
+
+def test_only_what_is_replaced_is_saved(upload, autopilot):
+    run = upload(autopilot, mission=Mission(_lines()))
+    assert run.report.outcome == "verified" and set(run.saved[0]) == {Kind.MISSION}
+    assert len(run.vehicle.lists[Kind.FENCE]) == 4 and len(run.vehicle.lists[Kind.RALLY]) == 1  # left as they were
