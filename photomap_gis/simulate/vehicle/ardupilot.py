@@ -78,10 +78,6 @@ class ArduPilot(Airframe):
         """Return the number of items without home."""
         return max(0, self.count_for(MISSION) - 1)
 
-    def count_for(self, kind: int) -> int:
-        """Return a list's length; home exists as soon as it is known."""
-        return len(self.lists[kind])
-
     def _begin(self, message: Message, partner: Partner, kind: int) -> None:
         upload = self.receiving.get(kind)
         if upload is not None and upload.partner != partner:

@@ -88,7 +88,7 @@ def _ardupilot_verdict(item: Stored) -> int:
     if math.isnan(item.z):
         return _INVALID_PARAM7
     if item.command in _ARDUPILOT_PLACES:
-        if item.frame not in _PLAIN:
+        if item.frame not in _PLAIN and item.frame != _NO_FRAME:
             return _BAD_FRAME
         if abs(item.x) > 900_000_000:
             return _INVALID_PARAM1 + 4
@@ -113,7 +113,7 @@ def _ardupilot_mission(item: Stored) -> Stored:
     if item.command not in _ARDUPILOT_PLACES:
         return Stored(item.command, _ABSOLUTE, kept, item.x, item.y, 0.0)
     altitude_m = math.trunc(round(item.z * 100, 3)) / 100
-    return Stored(item.command, _PLAIN[item.frame], kept, item.x, item.y, altitude_m)
+    return Stored(item.command, _PLAIN.get(item.frame, _ABSOLUTE), kept, item.x, item.y, altitude_m)
 
 
 def _whole(value: float) -> float:
