@@ -334,7 +334,8 @@ def _situation(talk: Talk, mission: Mission, previous: Lists, params: dict[str, 
     standing = None
     if here is not None and not vehicle.is_in_air:
         standing = Home(*here, vehicle.alt_amsl_m)
-    if mission.fence_polygons or mission.fence_circles:
+    fence_is_plans = bool(mission.fence_polygons or mission.fence_circles)
+    if fence_is_plans:
         polygons, circles = mission.fence_polygons, mission.fence_circles
     else:
         kept = mission_of({Kind.FENCE: previous.get(Kind.FENCE, ())}, autopilot)[0]
@@ -348,6 +349,7 @@ def _situation(talk: Talk, mission: Mission, previous: Lists, params: dict[str, 
         is_in_air=vehicle.is_in_air,
         fence_polygons=polygons,
         fence_circles=circles,
+        fence_is_plans=fence_is_plans,
         params=params,
     )
 

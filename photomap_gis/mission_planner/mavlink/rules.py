@@ -19,7 +19,7 @@ from photomap_gis.mission_planner.mavlink import dialect as cmd
 from photomap_gis.mission_planner.mavlink.state import distance_m
 
 _TOUCH_M = 0.05  # a leg may run along a fence's edge, as far as its rounding to 1e-7 degrees goes
-_FENCE_ALTITUDE, _FENCE_CIRCLE = 1, 2  # bits of ArduPilot's FENCE_TYPE
+_FENCE_ALTITUDE, _FENCE_CIRCLE, _FENCE_POLYGON = 1, 2, 4  # bits of ArduPilot's FENCE_TYPE
 _MOST_ITEMS_NAMED = 5
 
 
@@ -43,7 +43,14 @@ class Situation:
     is_in_air: bool = False
     fence_polygons: tuple[FencePolygon, ...] = ()
     fence_circles: tuple[FenceCircle, ...] = ()
+    fence_is_plans: bool = True
     params: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def fence_is_idle(self) -> bool:
+        """Whether the fence is one that the vehicle kept from another day and is known not to enforce."""
+        known = "FENCE_ENABLE" in self.params
+        return not self.fence_is_plans and known and not _enforces(self, _FENCE_POLYGON)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +69,11 @@ def judge(mission: Mission, situation: Situation, limits: Limits) -> Verdict:
         refusals += _takeoff(mission.items, situation, limits)
         refusals += _heights(mission.items, situation, limits, warnings)
         refusals += _distances(mission, situation, limits, warnings)
-        refusals += _outside(mission, situation)
+        outside = _outside(mission, situation)
+        if situation.fence_is_idle:
+            warnings += [f"{words}; it is an old one of the vehicle's, which does not enforce it" for words in outside]
+        else:
+            refusals += outside
         warnings += _parameters(mission, situation)
     return Verdict(tuple(refusals), tuple(warnings))
 

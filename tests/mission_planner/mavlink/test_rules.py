@@ -113,6 +113,20 @@ def test_the_vehicles_own_fence_parameters_hold_where_they_are_enforced():
     assert refusals(TAKEOFF, at(51.505, 7.4, 70.0), situation=off) == ""
 
 
+def test_an_old_fence_that_is_not_enforced_is_told_and_does_not_refuse():
+    far = FencePolygon(((51.51, 7.39), (51.51, 7.41), (51.52, 7.41), (51.52, 7.39)))
+
+    def verdict(**change):
+        situation = Situation(A, HOME, needs_takeoff=True, fence_polygons=(far,), fence_is_plans=False, **change)
+        return judge(Mission(items=(TAKEOFF, at(51.5, 7.4005))), situation, Limits())
+
+    idle = verdict(params={"FENCE_ENABLE": 0.0, "FENCE_TYPE": 7.0})
+    assert not idle.refusals and "does not enforce" in idle.warnings[0]
+    assert verdict(params={"FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}).refusals == ()
+    assert verdict(params={"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0}).refusals
+    assert verdict().refusals  # not known: it may be
+
+
 def test_legs_not_only_points_must_stay_inside():
     hook = FencePolygon(((51.49, 7.39), (51.49, 7.41), (51.51, 7.41), (51.51, 7.405), (51.50, 7.405), (51.50, 7.395),
                          (51.51, 7.395), (51.51, 7.39)))  # fmt: skip
