@@ -178,7 +178,8 @@ def perimeter(area: BaseGeometry, spacing_m: float, passes: int) -> list[FloatAr
             if isinstance(part, Polygon) and not part.is_empty:
                 simple = part.simplify(spacing_m / 50.0)
                 # to the right round the outside, as all patterns turn
-                rings += [np.asarray(ring.coords)[::-1] for ring in (simple.exterior, *simple.interiors)]
+                simple = shapely.geometry.polygon.orient(simple, -1.0)
+                rings += [np.asarray(ring.coords) for ring in (simple.exterior, *simple.interiors)]
         if not rings:
             raise UsageError(
                 f"no perimeter fits half a track spacing ({spacing_m / 2:.1f} m) inside this area: "
