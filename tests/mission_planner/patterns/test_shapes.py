@@ -83,7 +83,7 @@ def test_a_square_swath_as_wide_as_the_spacing_covers_any_area(area: Polygon, sp
 @given(st.floats(5, 50), st.floats(60, 500), st.sampled_from([Pattern.EXPANDING_SQUARE, Pattern.SPIRAL]))
 def test_datum_patterns_cover_to_their_radius(spacing: float, radius: float, pattern: Pattern):
     (leg,) = from_datum(pattern, spacing_m=spacing, radius_m=radius).legs
-    swath = LineString(leg).buffer(spacing * 0.53, join_style="mitre")
+    swath = LineString(leg).buffer(spacing * 0.53, cap_style="square", join_style="mitre")
     assert shapely.Point(0, 0).buffer(radius).difference(swath).area < 1e-6 * radius**2
 
 
