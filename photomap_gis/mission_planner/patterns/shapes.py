@@ -196,7 +196,8 @@ def sweeps(area: BaseGeometry, spacing_m: float, heading_deg: float) -> list[Flo
     A leg reaches as far as any part of its strip, less half a spacing at its ends, so that a square swath as wide as
     the spacing covers slanted edges too.
     """
-    to_north = shapely.affinity.rotate(area, heading_deg, origin=(0.0, 0.0))
+    # Turning can make a hair's breadth of a spike cross itself.
+    to_north = shapely.make_valid(shapely.affinity.rotate(area, heading_deg, origin=(0.0, 0.0)))
     west, south, east, north = to_north.bounds
     count = max(1, math.ceil((east - west) / spacing_m - 1e-9))
     if count > MOST_POINTS:

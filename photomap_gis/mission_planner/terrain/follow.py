@@ -25,9 +25,17 @@ FLAT_GROUND = "assumes flat ground: heights are above the take-off place; give -
 class Ground(Protocol):
     """Where the ground is; ``Dem`` is one."""
 
-    vertical: VerticalDatum
-    stated: bool
-    cell_m: float
+    @property
+    def vertical(self) -> VerticalDatum:
+        """What its heights are above."""
+
+    @property
+    def stated(self) -> bool:
+        """Whether somebody said so."""
+
+    @property
+    def cell_m(self) -> float:
+        """How far apart it knows the ground."""
 
     def elevation_m(self, lat_lon_deg: ArrayLike) -> FloatArray:
         """Return metres at ``(N, 2)`` latitudes and longitudes, NaN where not known."""
