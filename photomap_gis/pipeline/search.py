@@ -111,8 +111,10 @@ def plan_search(
     """Return the flights of a search over flat ground. Raises ``UsageError`` where the request makes no sense."""
     place, request = _with_datum(place, request)
     height = _height_m(request)
-    width = request.sweep_width_m or _sweep_width(request, height)
-    spacing = request.track_spacing_m or spacing_m(width, request.coverage_factor)
+    width = _sweep_width(request, height) if request.sweep_width_m is None else request.sweep_width_m
+    spacing = request.track_spacing_m
+    if spacing is None:
+        spacing = spacing_m(width, request.coverage_factor)
     frame = _frame(place)
     track, target = _track(place, request, frame, spacing)
     gsd = request.optics.gsd_m_per_px(height)
