@@ -120,9 +120,9 @@ def from_line(line: LineString, *, spacing_m: float, passes: int = 1) -> Track:
 
 
 def expanding_square(spacing_m: float, radius_m: float) -> FloatArray:
-    """SS with the first leg north: legs 1, 1, 2, 2, 3, 3, ... until every side is ``radius_m`` away."""
-    # After four legs the square has grown by half a spacing to each side.
-    count = 2 * math.ceil(2.0 * radius_m / spacing_m - 1e-9) + 1
+    """SS with the first leg north: legs 1, 1, 2, 2, 3, 3, ... until each side sweeps to ``radius_m``."""
+    # Four legs make a ring that lies a spacing further out; its swath reaches half a spacing more.
+    count = 4 * max(1, math.ceil(radius_m / spacing_m - 0.5 - 1e-9)) + 1
     if count > MOST_POINTS:
         raise _too_many()
     lengths = spacing_m * (1 + np.arange(count) // 2)
@@ -145,8 +145,11 @@ def sector(radius_m: float, passes: int = 1) -> FloatArray:
 
 
 def spiral(spacing_m: float, radius_m: float) -> FloatArray:
-    """An Archimedean spiral, turning right, with chords that leave it by at most a twentieth of the spacing."""
-    per_rad = spacing_m / (2.0 * math.pi)
+    """An Archimedean spiral, turning right, of chords that leave it by at most a twentieth of the spacing.
+
+    Its turns lie closer by as much, so that no two chords are more than the spacing apart.
+    """
+    per_rad = 0.95 * spacing_m / (2.0 * math.pi)
     last = radius_m / per_rad + 2.0 * math.pi  # one turn more, so that the rim is passed all round
     angle, angles = 0.0, [0.0]
     while angle < last and len(angles) <= MOST_POINTS:

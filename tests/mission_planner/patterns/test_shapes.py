@@ -83,7 +83,7 @@ def test_a_square_swath_as_wide_as_the_spacing_covers_any_area(area: Polygon, sp
 @given(st.floats(5, 50), st.floats(60, 500), st.sampled_from([Pattern.EXPANDING_SQUARE, Pattern.SPIRAL]))
 def test_datum_patterns_cover_to_their_radius(spacing: float, radius: float, pattern: Pattern):
     (leg,) = from_datum(pattern, spacing_m=spacing, radius_m=radius).legs
-    swath = LineString(leg).buffer(spacing * 0.53, cap_style="square", join_style="mitre")
+    swath = LineString(leg).buffer(spacing * 0.501, cap_style="square", join_style="mitre")
     assert shapely.Point(0, 0).buffer(radius).difference(swath).area < 1e-6 * radius**2
 
 
@@ -91,10 +91,10 @@ def test_a_spiral_is_round_to_a_twentieth_of_its_spacing():
     (leg,) = from_datum(Pattern.SPIRAL, spacing_m=20, radius_m=200).legs
     dense = shapely.get_coordinates(shapely.segmentize(LineString(leg), 0.5))
     r, angle = np.hypot(*dense.T), np.unwrap(np.arctan2(dense[:, 0], dense[:, 1]))
-    ideal = np.minimum(20 * (angle - angle[1]) / (2 * math.pi), 200)
+    ideal = np.minimum(19 * (angle - angle[1]) / (2 * math.pi), 200)
     far = (r > 20) & (r < 195)
     assert np.abs(r - ideal)[far].max() < 4.0
-    assert len(leg) < 250
+    assert len(leg) < 260
 
 
 def test_an_orbit_is_a_circle_to_the_right():
