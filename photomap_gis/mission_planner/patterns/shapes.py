@@ -150,7 +150,8 @@ def spiral(spacing_m: float, radius_m: float) -> FloatArray:
     Its turns lie closer by as much, so that no two chords are more than the spacing apart.
     """
     per_rad = 0.95 * spacing_m / (2.0 * math.pi)
-    last = radius_m / per_rad + 2.0 * math.pi  # one turn more, so that the rim is passed all round
+    rim_m = max(radius_m - spacing_m / 2.0, spacing_m / 4.0)  # whose swath reaches the radius
+    last = rim_m / per_rad + 2.0 * math.pi  # one turn more: all round the rim
     angle, angles = 0.0, [0.0]
     while angle < last and len(angles) <= MOST_POINTS:
         radius = max(per_rad * angle, spacing_m / 4.0)
@@ -159,7 +160,7 @@ def spiral(spacing_m: float, radius_m: float) -> FloatArray:
     if len(angles) > MOST_POINTS:
         raise _too_many()
     a = np.asarray(angles)
-    r = np.minimum(per_rad * a, radius_m)
+    r = np.minimum(per_rad * a, rim_m)
     return r[:, None] * np.column_stack((np.sin(a), np.cos(a)))
 
 
