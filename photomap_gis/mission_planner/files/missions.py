@@ -46,13 +46,14 @@ def read_mission(path: Path | str) -> Mission:
     )
 
 
-def write_mission(path: Path | str, mission: Mission) -> None:
-    """Write a mission in the format of the path's suffix, whole or not at all.
+def write_mission(path: Path | str, mission: Mission, *, file_format: str | None = None) -> None:
+    """Write a mission in the format of the path's suffix, or as "plan" or "waypoints", whole or not at all.
 
     Raises ``UsageError`` for another suffix, ``OutputError`` where the disk refuses.
     """
     path = Path(path)
-    make = _WRITERS.get(path.suffix.lower())
+    suffix = path.suffix.lower() if file_format is None else f".{file_format}"
+    make = _WRITERS.get(suffix)
     if make is None:
         raise UsageError(f"{path.name}: a mission is written as {', '.join(MISSION_SUFFIXES)}")
     write_file(path, make(mission).encode())
