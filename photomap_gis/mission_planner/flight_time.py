@@ -63,11 +63,7 @@ class FlightModel:
         return np.minimum(speed, self.most_ground_speed_m_s) if survey else speed
 
     def path_s(self, xy: npt.ArrayLike, survey: npt.ArrayLike | None = None) -> float:
-<<<<<<< HEAD
-        """Return the seconds for a path of ``(N, 2)`` points from rest to rest; ``survey`` ``(N-1,)`` marks camera legs."""
-=======
         """Return the seconds for a path of ``(N, 2)`` points, rest to rest; ``survey`` ``(N-1,)`` marks camera legs."""
->>>>>>> w-files
         p = np.asarray(xy, np.float64)
         if len(p) < 2:
             return 0.0

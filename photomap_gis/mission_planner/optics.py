@@ -1,4 +1,4 @@
-"""What a camera that looks straight down sees from a height, and what it is sure to see when the flight is not perfect."""
+"""What a camera that looks straight down sees, and what it is sure to see when the flight is not perfect."""
 
 from __future__ import annotations
 
@@ -136,9 +136,9 @@ def sure_footprint(optics: Optics, height_m: float, tolerances: Tolerances, *, c
 class Spacing:
     """How pictures and lanes lie: ``step_m`` along a lane, at most ``lane_m`` between lanes.
 
-    A lane answers for ground up to ``edge_m`` to its side where no other lane follows; ``snug_edge_m`` is where the sure
-    footprint is still nearly as long as in its middle. ``guard_m`` is flown at each lane's end in addition: the first
-    shot may be taken in the turn, and the last one comes up to a step before the end.
+    A lane answers for ground up to ``edge_m`` to its side where no other lane follows; ``snug_edge_m`` is where the
+    sure footprint is still nearly as long as in its middle. ``guard_m`` is flown at each lane's end in addition: the
+    first shot may be taken in the turn, and the last one comes up to a step before the end.
     """
 
     step_m: float
