@@ -91,7 +91,7 @@ def test_a_spiral_is_round_to_a_twentieth_of_its_spacing():
     (leg,) = from_datum(Pattern.SPIRAL, spacing_m=20, radius_m=200).legs
     dense = shapely.get_coordinates(shapely.segmentize(LineString(leg), 0.5))
     r, angle = np.hypot(*dense.T), np.unwrap(np.arctan2(dense[:, 0], dense[:, 1]))
-    ideal = np.minimum(19 * (angle - angle[1]) / (2 * math.pi), 190)
+    ideal = np.minimum(19 * (angle - angle[1]) / (2 * math.pi), 191)
     far = (r > 20) & (r < 185)
     assert np.abs(r - ideal)[far].max() < 4.0
     assert len(leg) < 260
