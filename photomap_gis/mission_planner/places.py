@@ -88,7 +88,7 @@ def _places(geometries: list[BaseGeometry], name: str) -> Places:
         coordinates = shapely.get_coordinates(part)
         if not all(math.isfinite(x) and abs(x) <= 360 and abs(y) <= 90 for x, y in coordinates):
             raise DataError(f"{name[:80]} has places that are not on Earth: is its CRS right, is latitude first?")
-        if isinstance(part, Polygon) and part.area > 0:
+        if isinstance(part, Polygon) and not part.is_empty:  # a bow-tie has an area of 0: the planner repairs it
             rings = (part.exterior, *part.interiors)
             polygons.append(GeoPolygon(tuple(tuple((x, y) for x, y in ring.coords) for ring in rings)))
         elif isinstance(part, LineString | MultiLineString) and line is None and part.length > 0:
