@@ -154,7 +154,7 @@ def spiral(spacing_m: float, radius_m: float) -> FloatArray:
     last = rim_m / per_rad + 2.0 * math.pi  # one turn more: all round the rim
     angle, angles = 0.0, [0.0]
     while angle < last and len(angles) <= MOST_POINTS:
-        radius = max(per_rad * angle, spacing_m / 4.0)
+        radius = max(per_rad * (angle + math.pi / 4.0), spacing_m / 4.0)  # at the chord's far end
         angle = min(last, angle + min(_chord_rad(radius, spacing_m / 20.0), math.pi / 4.0))
         angles.append(angle)
     if len(angles) > MOST_POINTS:
