@@ -115,11 +115,12 @@ def fly(
 ) -> Sortie:
     """Return the sortie over lanes in their order, from take-off at home and back round every no-fly zone."""
     points = [_Point(home, WaypointRole.TAKEOFF, high=True)]
+    climbs = style.transit_height_m > style.height_m
     for k, lane in enumerate(lanes):
-        _fly_to(points, _lane_points(lane, free, style), free, high=k == 0)
+        _fly_to(points, _lane_points(lane, free, style), free, high=k == 0, climbs=climbs)
     last = points[-1].xy
     way = _way(free, last, home)
-    if style.transit_height_m > style.height_m:
+    if climbs:
         points.append(_Point(last, WaypointRole.TRANSIT, high=True))
     points += [_Point(p, WaypointRole.TRANSIT, high=True) for p in way[1:-1]]
     points.append(_Point(home, WaypointRole.RETURN, high=True))
@@ -187,14 +188,14 @@ def _lane_points(lane: Lane, free: FreeSpace, style: FlightStyle) -> list[_Point
     return points
 
 
-def _fly_to(points: list[_Point], lane: list[_Point], free: FreeSpace, *, high: bool) -> None:
-    """Append the way to a lane and the lane; the first one is reached at the transit height."""
+def _fly_to(points: list[_Point], lane: list[_Point], free: FreeSpace, *, high: bool, climbs: bool) -> None:
+    """Append the way to a lane and the lane; the first one is reached at the transit height where that is higher."""
     role = WaypointRole.TRANSIT if high else WaypointRole.TURN
     trigger = None if high else points[-1].trigger
     kept = trigger if trigger is not None and not trigger.hover else None
     way = _way(free, points[-1].xy, lane[0].xy)
     points += [_Point(p, role, high=high, trigger=kept) for p in way[1:-1]]
-    if high:
+    if high and climbs:
         points.append(_Point(lane[0].xy, WaypointRole.TRANSIT, high=True))
     points += lane
 
