@@ -87,17 +87,22 @@ def _added(function: F, options: tuple[Callable[[F], F], ...]) -> F:
 
 
 def search_request(
-    chosen: Mapping[str, Any], optics: Optics, *, height_m: float | None, gsd: float | None, target_m: float | None
+    chosen: Mapping[str, Any],
+    optics: Optics,
+    *,
+    height_m: float,
+    target_m: float | None,
+    front_overlap: float | None,
+    least_interval_s: float,
 ) -> SearchRequest:
-    """Return what the search options ask for."""
+    """Return what the search options ask for; ``front_overlap`` is a share, None for a search's own."""
     from photomap_gis.mission_planner.patterns import Pattern
-    from photomap_gis.pipeline.search import SearchRequest
+    from photomap_gis.pipeline.search import SEARCH_OVERLAP, SearchRequest
 
     return SearchRequest(
         pattern=Pattern(chosen["pattern"]),
         optics=optics,
         height_m=height_m,
-        gsd_m_per_px=gsd,
         target_m=target_m,
         radius_m=chosen["radius"],
         track_spacing_m=chosen["track_spacing"],
@@ -105,7 +110,9 @@ def search_request(
         coverage_factor=chosen["coverage_factor"],
         heading_deg=chosen["first_leg"],
         passes=chosen["passes"],
-        trigger=chosen.get("trigger") or "distance",
+        trigger=chosen["trigger"],
+        front_overlap=SEARCH_OVERLAP if front_overlap is None else front_overlap,
+        least_interval_s=least_interval_s,
     )
 
 

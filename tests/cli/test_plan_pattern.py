@@ -1,4 +1,4 @@
-"""``photomap search`` from the command line to the file, read again."""
+"""``photomap plan --pattern`` from the command line to the file, read again."""
 
 import json
 import zipfile
@@ -21,7 +21,7 @@ AREA = "47,8;47.003,8;47.003,8.008;47,8.008"
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any], str]:
-    code = main(["search", *arguments, "--json"])
+    code = main(["plan", *arguments, "--json"])
     out, err = capsys.readouterr()
     return code, json.loads(out) if out else {}, err
 
@@ -141,9 +141,8 @@ def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        ([AREA], 2, "--pattern"),
-        ([AREA, "--pattern", "parallel"], 2, "which camera"),
-        ([AREA, "--pattern", "parallel", *CAMERA], 2, "--height, --gsd or --target"),
+        ([AREA, "--datum", "47,8"], 2, "needs a --pattern"),
+        ([AREA, "--pattern", "parallel", "--crosshatch"], 2, "means nothing to --pattern parallel"),
         (["--pattern", "parallel", *CAMERA, "--height", "40"], 2, "needs a place"),
         (["--pattern", "sector", *CAMERA, "--height", "40", "--datum", "47,8"], 2, "--radius"),
         (["--pattern", "sector", *CAMERA, "--height", "40", "--datum", "147,8"], 2, "no place on Earth"),
@@ -152,11 +151,11 @@ def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
         (["LINESTRING (8 47, 8.1 47)", "--pattern", "parallel", *CAMERA, "--height", "40"], 2, "polygon"),
         (["nowhere.geojson", "--pattern", "parallel", *CAMERA, "--height", "40"], 3, "no file"),
         ([AREA, "--pattern", "parallel", "--camera", "no such", "--height", "40"], 2, "no camera"),
-        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "-4"], 2, "height comes to"),
+        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "-4"], 2, "--height"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--track-spacing", "-1"], 2, "track-spacing"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--wind", "20,0"], 2, "weather"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--altitude-frame", "amsl"], 2, "needs --dem"),
-        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--target", "0.1"], 2, "fly at"),
+        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--target", "0.1"], 2, "one of"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "-o", "x.docx"], 2, "--format"),
     ],
 )  # fmt: skip
