@@ -59,9 +59,13 @@ class _Ports:
         self.hop = self.hop + ((speed - leaving) ** 2 + (speed - entering) ** 2) / (2 * model.accel_m_s2 * speed)
         self.home = np.hypot(*(self.places - home).T) / speed
         if not free.is_open:
-            self._go_around(free, length, speed, home)
+            self._go_around(free, length, speed)
+        # home is the last port, which is also index -1
+        self.full = np.zeros((len(self.home) + 1,) * 2)
+        self.full[:-1, :-1] = self.hop
+        self.full[-1, :-1] = self.full[:-1, -1] = self.home
 
-    def _go_around(self, free: FreeSpace, length: FloatArray, speed: float, home: FloatArray) -> None:
+    def _go_around(self, free: FreeSpace, length: FloatArray, speed: float) -> None:
         """Lengthen hops that a no-fly zone blocks: exactly between neighbours, by a guess between others."""
         n = len(self.places)
         a, b = np.triu_indices(n, 1)
@@ -136,8 +140,8 @@ def _two_opt(ports: _Ports, tour: IntArray) -> bool:
 
 
 def _or_opt(ports: _Ports, tour: IntArray) -> bool:
-    """Move short stretches to where they fit better; change the tour in place."""
-    n, better = len(tour), False
+    """Move short stretches to where they fit better; change the tour in place. Port -1 is home."""
+    n, better, full = len(tour), False, ports.full
     for size in (1, 2, 3):
         if n <= size:
             break
@@ -147,28 +151,15 @@ def _or_opt(ports: _Ports, tour: IntArray) -> bool:
             enter, leave = int(part[0]), int(part[-1] ^ 1)
             before = tour[i - 1] ^ 1 if i else -1
             after = tour[i + size] if i + size < n else -1
-            gain = _arc(ports, before, enter) + _arc(ports, leave, after) - _arc(ports, before, after)
+            gain = full[before, enter] + full[leave, after] - full[before, after]
             exits = np.concatenate([[-1], rest ^ 1])
             entries = np.concatenate([rest, [-1]])
-            base = _arcs(ports, exits, entries)
-            kept = _arcs(ports, exits, enter) + _arcs(ports, entries, leave) - base
-            swapped = _arcs(ports, exits, leave) + _arcs(ports, entries, enter) - base
+            base = full[exits, entries]
+            kept = full[exits, enter] + full[entries, leave] - base
+            swapped = full[exits, leave] + full[entries, enter] - base
             k = int(np.argmin(np.minimum(kept, swapped)))
             if min(kept[k], swapped[k]) < gain - 1e-6:
                 moved = part if kept[k] <= swapped[k] else part[::-1] ^ 1
                 tour[:] = np.concatenate([rest[:k], moved, rest[k:]])
                 better = True
     return better
-
-
-def _arc(ports: _Ports, a: int, b: int) -> float:
-    if a < 0 or b < 0:
-        return 0.0 if a < 0 and b < 0 else float(ports.home[max(a, b)])
-    return float(ports.hop[a, b])
-
-
-def _arcs(ports: _Ports, a: IntArray, b: IntArray | int) -> FloatArray:
-    """Costs between ports; -1 is home."""
-    x, y = np.broadcast_arrays(a, b)
-    cost = np.where((x < 0) & (y < 0), 0.0, ports.home[np.maximum(x, y)])
-    return np.where((x >= 0) & (y >= 0), ports.hop[x, y], cost)

@@ -60,10 +60,13 @@ def split(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: Fligh
         return [list(lanes)] if lanes else []
     longest = max(style.endurance_s * model.speed_m_s / _PARTS_A_SORTIE, 2.0 * style.step_m)
     parts = [(i, part) for i, lane in enumerate(lanes) for part in _parts(lane, longest)]
+    resumed = 2.0 * style.step_m  # flown again where a lane goes on in another sortie
     count = len(parts)
     out = [transit_s(home, p.xy[0], free, model) for _, p in parts]
     back = [transit_s(home, p.xy[-1], free, model) for _, p in parts]
     fixed = model.vertical_s(style.transit_height_m, style.transit_height_m)
+    again = 2.0 * resumed / float(min(model.ground_speed(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), survey=True)))
+    fixed += again if len(parts) > len(lanes) else 0.0
     own = [lane_s(p, model, style) for _, p in parts]
     hop = [0.0] + [
         0.0 if parts[k][0] == parts[k - 1][0] else transit_s(parts[k - 1][1].xy[-1], parts[k][1].xy[0], free, model)
@@ -91,7 +94,7 @@ def split(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: Fligh
     while end > 0:
         cuts.append((since[end], end))
         end = since[end]
-    return [_joined(parts[a:b]) for a, b in reversed(cuts)]
+    return [_joined(parts[a:b], lanes, resumed) for a, b in reversed(cuts)]
 
 
 def transit_s(a: FloatArray, b: FloatArray, free: FreeSpace, model: FlightModel) -> float:
@@ -218,19 +221,19 @@ def _parts(lane: Lane, longest_m: float) -> list[Lane]:
     ]
 
 
-def _joined(parts: Sequence[tuple[int, Lane]]) -> list[Lane]:
-    """Put the parts of one lane that are flown in one go together again."""
-    joined: list[tuple[int, list[Lane]]] = []
+def _joined(parts: Sequence[tuple[int, Lane]], lanes: Sequence[Lane], resumed_m: float) -> list[Lane]:
+    """Put the parts of one lane that are flown in one go together, a little longer where the lane was parted."""
+    groups: dict[int, list[Lane]] = {}
     for i, part in parts:
-        if joined and joined[-1][0] == i:
-            joined[-1][1].append(part)
-        else:
-            joined.append((i, [part]))
-    return [
-        group[0] if len(group) == 1 else Lane(_without_cuts(np.concatenate([g.xy for g in group])), nose_rad=group[0].nose_rad)
-        for _, group in joined
-    ]
-
-
-def _without_cuts(xy: FloatArray) -> FloatArray:
-    return np.asarray(shapely.get_coordinates(LineString(xy).simplify(1e-3)))
+        groups.setdefault(i, []).append(part)
+    joined = []
+    for i, group in groups.items():
+        lane, line = lanes[i], LineString(lanes[i].xy)
+        flown = sum(part.length_m for part in group)
+        if lane.spot or flown > line.length - 1e-6:
+            joined.append(lane)
+            continue
+        start = line.project(shapely.Point(group[0].xy[0]))
+        cut = shapely.ops.substring(line, max(0.0, start - resumed_m), min(line.length, start + flown + resumed_m))
+        joined.append(Lane(shapely.get_coordinates(cut), nose_rad=lane.nose_rad))
+    return joined

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from photomap_gis.core.errors import UsageError
-from photomap_gis.core.plan import AltitudeFrame, CameraTrigger, SurveyPlan
+from photomap_gis.core.plan import AltitudeFrame, CameraTrigger, Sortie, SurveyPlan
 from photomap_gis.mission_planner.area import SurveyArea, geo_polygons
 from photomap_gis.mission_planner.flight_time import FlightModel
 from photomap_gis.mission_planner.free_space import FreeSpace
@@ -20,12 +20,13 @@ from photomap_gis.mission_planner.lanes import Lane, candidate_headings, corrido
 from photomap_gis.mission_planner.optics import Optics, Spacing, SureFootprint, Tolerances, space, sure_footprint
 from photomap_gis.mission_planner.proof import spots_for, uncovered
 from photomap_gis.mission_planner.route import order_lanes
-from photomap_gis.mission_planner.sorties import FlightStyle, fly, lane_s, split
+from photomap_gis.mission_planner.sorties import FlightStyle, fly, split
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 MOST_LANES = 20_000
+_MOST_ROUNDS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,18 +92,26 @@ def plan_survey(
         home = free.nearest(lanes[0].xy[0] if lanes else area.target.representative_point().coords[0])
         warnings.append("no --home was given: take-off is planned at the survey's beginning")
     style = _style(s, spacing, model, headings)
-    on_progress("sorties", 0, 1)
-    sorties, flown = [], []
-    for number, (base, group) in enumerate(_reachable(lanes, home, free)):
-        ordered = order_lanes(group, base, free, model)
-        if number:
-            warnings.append("a part of the area cannot be reached from home past the no-fly zones or within the polygon: "
-                            "it has a take-off of its own")  # fmt: skip
-        for part in split(ordered, base, free, model, style):
-            flown += part
-            sorties.append(fly(part, base, area.frame, free, model, style))
+    for number in range(_MOST_ROUNDS):
+        on_progress("sorties", number, number + 1)
+        bases, sorties, flown = _flights(area, lanes, home, free, model, style)
+        left = uncovered(area.target, flown, spacing, sure)
+        # Which shot of a lane comes first hangs on the way it is flown: a lane cut short may show a little less.
+        more = [] if left.is_empty else spots_for(left, free, sure, headings[0])
+        if not more or number == _MOST_ROUNDS - 1:
+            break
+        lanes = [*lanes, *more]
     on_progress("sorties", 1, 1)
-    left = uncovered(area.target, flown, spacing, sure)
+    if not sorties:
+        raise UsageError(
+            "there is no place to see the area from: the margins leave no room to fly; take a smaller --avoid-margin, or "
+            "leave --inset away"
+        )
+    if bases > 1:
+        warnings.append(
+            "parts of the area cannot be reached from home without crossing a no-fly zone or leaving the polygon: they have "
+            "a take-off of their own"
+        )
     share = max(0.0, 1.0 - left.area / area.target.area)
     if not left.is_empty:
         warnings.append(
@@ -129,6 +138,20 @@ def plan_survey(
     speed = min(model.speed_m_s, model.most_ground_speed_m_s)
     degrees = tuple(round(math.degrees(h) % 360.0, 2) for h in headings)
     return Survey(plan, area, tuple(flown), spacing, sure, degrees, speed, left)
+
+
+def _flights(
+    area: SurveyArea, lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: FlightModel, style: FlightStyle
+) -> tuple[int, list[Sortie], list[Lane]]:
+    """How many places to take off from, the sorties, and the lanes as they are flown."""
+    sorties: list[Sortie] = []
+    flown: list[Lane] = []
+    groups = _reachable(lanes, home, free)
+    for base, group in groups:
+        for part in split(order_lanes(group, base, free, model), base, free, model, style):
+            flown += part
+            sorties.append(fly(part, base, area.frame, free, model, style))
+    return len(groups), sorties, flown
 
 
 def _given_home(area: SurveyArea, s: SurveySettings, free: FreeSpace, warnings: list[str]) -> FloatArray | None:
@@ -311,5 +334,3 @@ def _reachable(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace) -> list
             base = rest[0].xy[0]
     return groups
 
-
-__all__ = ["Survey", "SurveySettings", "lane_s", "plan_survey"]
