@@ -71,6 +71,8 @@ def plan_by_pattern(
         plan, report = over_terrain(plan, terrain)
         facts |= terrain_facts(report)
     facts = plan_facts(plan) | facts | {"height_m": round(settings.height_m, 2)}
+    if settings.home is None:
+        facts["warnings"].append("no --home was given: take-off is planned where the pattern begins")
     facts["warnings"] = [*warnings, *facts["warnings"]]
     return plan, facts
 

@@ -124,6 +124,18 @@ def test_terrain_is_followed(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     assert code == 3 and "says nothing" in err and not out.exists()
 
 
+def test_a_survey_follows_the_terrain_too(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    common = [AREA, *CAMERA, "--height", "60", "--climb", "8", "--descent", "8"]
+    code, flat, err = run(capsys, *common)
+    assert code == 0, err
+    assert any("flat ground" in w for w in flat["warnings"])
+    code, facts, err = run(capsys, *common, "--dem", str(dem(tmp_path)), "-o", str(tmp_path / "s.kml"))
+    assert code == 0, err
+    assert not any("flat ground" in w for w in facts["warnings"])
+    assert facts["terrain"]["waypoints_added"] > 10 and facts["terrain"]["lowest_survey_m"] > 56
+    assert facts["covered_share"] == flat["covered_share"] and facts["home_alt_amsl_m"] > 400
+
+
 def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     common = [AREA, "--pattern", "creeping", *CAMERA, "--height", "60"]
     code, facts, _ = run(capsys, *common, "-o", str(tmp_path / "s.wpml.kmz"))

@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 _MOST_SAMPLES = 2_000_000
 _DEFAULT_SPEED_M_S = 10.0
 
+_FLAT = "flat ground"
 FLAT_GROUND = "assumes flat ground: heights are above the take-off place; give --dem FILE to follow the terrain"
 
 
@@ -77,7 +78,7 @@ class TerrainReport:
 
 def on_flat_ground(plan: SurveyPlan) -> SurveyPlan:
     """Return the plan with the warning that it knows nothing of the terrain."""
-    return plan if FLAT_GROUND in plan.warnings else replace(plan, warnings=(*plan.warnings, FLAT_GROUND))
+    return plan if any(_FLAT in w for w in plan.warnings) else replace(plan, warnings=(*plan.warnings, FLAT_GROUND))
 
 
 def follow_terrain(
@@ -112,7 +113,7 @@ def follow_terrain(
         (min(b.ground[0] for b in bent), max(b.ground[1] for b in bent)),
         added,
     )
-    warnings = [w for w in plan.warnings if w != FLAT_GROUND] + _warnings(plan, ground, settings, frame, report)
+    warnings = [w for w in plan.warnings if _FLAT not in w] + _warnings(plan, ground, settings, frame, report)
     result = replace(
         plan,
         frame=frame,
