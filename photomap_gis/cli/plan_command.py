@@ -126,6 +126,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     if chosen["pattern"] is not None:
         plan, facts = plan_by_pattern(area, chosen, settings, context)
         facts["warnings"] = [*assumed, *facts["warnings"]]
+        facts["warnings"] += _storage(plan, chosen)
         _tell(_write(output, plan, chosen), facts, as_json, say_pattern)
         return
     gsd = settings.optics.gsd_m_per_px(settings.height_m)
@@ -154,6 +155,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     longest = max((s.duration_s for s in plan.sorties), default=0.0)
     if settings.endurance_s is None and longest > 1500.0:
         facts["warnings"].append(f"one flight of {longest / 60:.0f} min: --endurance-min splits it by batteries")
+    facts["warnings"] += _storage(plan, chosen)
     written = _write(output, plan, chosen)
     picture = chosen["picture"] or (output.with_suffix(".png") if output is not None else None)
     if picture is not None:
@@ -278,6 +280,13 @@ def _time(text: str | None) -> float | None:
     except ValueError:
         raise UsageError(f"--older-than {text}: a date and time (UTC) as 2026-11-25T10:00") from None
     return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+def _storage(plan: Any, chosen: dict[str, Any]) -> list[str]:
+    from photomap_gis.core.mission import Autopilot
+    from photomap_gis.mission_planner.items import storage_warnings
+
+    return storage_warnings(plan, Autopilot(chosen["autopilot"]))
 
 
 def _write(output: Path | None, plan: Any, chosen: dict[str, Any]) -> list[Path]:
