@@ -134,7 +134,8 @@ def terrain_request(chosen: Mapping[str, Any], height_m: float) -> TerrainReques
 
     tolerance = chosen["terrain_tolerance"]
     if tolerance is not None and not 0 < tolerance <= height_m / 2:
-        raise UsageError(f"--terrain-tolerance must lie in 0 to half the height ({height_m / 2:.0f} m), got {tolerance:g}")
+        most = height_m / 2
+        raise UsageError(f"--terrain-tolerance must lie in 0 to half the height ({most:.0f} m), got {tolerance:g}")
     settings = FollowSettings(
         tolerance_m=max(0.05 * height_m, 1.0) if tolerance is None else tolerance,
         climb_m_s=chosen["climb"],

@@ -170,7 +170,7 @@ def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--target", "0.1"], 2, "one of"),
         ([AREA, *CAMERA, "--height", "40", "--dem", "x.tif", "--terrain-tolerance", "30"], 2, "half the height"),
         ([AREA, *CAMERA, "--height", "40", "--dem", "x.tif"], 3, "cannot be read"),
-        ([AREA, *CAMERA, "--height", "40", "--rally", "1,2"], 2, "3 numbers"),
+        ([AREA, *CAMERA, "--height", "40", "--rally", "1,2", "-o", "x.plan"], 2, "3 numbers"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "-o", "x.docx"], 2, "--format"),
     ],
 )  # fmt: skip
