@@ -69,7 +69,7 @@ def plan_by_pattern(
     terrain = terrain_request(chosen, settings.height_m)
     if terrain is not None:
         plan, report = over_terrain(plan, terrain)
-        facts |= terrain_facts(report)
+        facts |= terrain_facts(report, plan.gsd_m_per_px, settings.height_m)
     facts = plan_facts(plan) | facts | {"height_m": round(settings.height_m, 2)}
     if settings.home is None:
         facts["warnings"].append("no --home was given: take-off is planned where the pattern begins")

@@ -150,7 +150,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
         from photomap_gis.pipeline.plan_report import plan_facts
 
         plan, report = over_terrain(plan, terrain)
-        facts |= plan_facts(plan) | terrain_facts(report)
+        facts |= plan_facts(plan) | terrain_facts(report, gsd, settings.height_m)
     facts["warnings"] = [*assumed, *facts["warnings"]]
     longest = max((s.duration_s for s in plan.sorties), default=0.0)
     if settings.endurance_s is None and longest > 1500.0:
