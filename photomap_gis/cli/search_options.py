@@ -117,18 +117,18 @@ def search_request(
 
 
 def terrain_request(chosen: Mapping[str, Any], height_m: float) -> TerrainRequest | None:
-    """Return what the terrain options ask for, None without a model.
+    """Return what the terrain options ask for, None for heights above the take-off place without a model.
 
-    Raises ``UsageError`` for an altitude frame that only a model can give.
+    Raises ``UsageError`` for heights above the sea without a model, since nothing is known of them.
     """
     frame = AltitudeFrame(chosen["altitude_frame"] or "relative")
-    if chosen["dem"] is None:
-        if frame is not AltitudeFrame.RELATIVE:
-            raise UsageError(
-                f"--altitude-frame {frame} needs --dem FILE: without the ground's height nothing is known but heights "
-                "above the take-off place"
-            )
+    if chosen["dem"] is None and frame is AltitudeFrame.RELATIVE:
         return None
+    if chosen["dem"] is None and frame is AltitudeFrame.AMSL:
+        raise UsageError(
+            "--altitude-frame amsl needs --dem FILE: without the ground's height nothing is known but heights above "
+            "the take-off place"
+        )
     from photomap_gis.mission_planner.terrain import FollowSettings, VerticalDatum
     from photomap_gis.pipeline.search import TerrainRequest
 

@@ -34,6 +34,7 @@ from photomap_gis.mission_planner.terrain import (
     FollowSettings,
     TerrainReport,
     VerticalDatum,
+    by_the_vehicles_terrain,
     follow_terrain,
     on_flat_ground,
     open_dem,
@@ -88,9 +89,9 @@ class SearchResult:
 
 @dataclass(frozen=True, slots=True)
 class TerrainRequest:
-    """Where the ground is, and how to follow it."""
+    """Where the ground is, and how to follow it; without a model only the vehicle's own terrain can be followed."""
 
-    dem: Path
+    dem: Path | None
     settings: FollowSettings
     vertical: VerticalDatum | None = None
     frame: AltitudeFrame = AltitudeFrame.RELATIVE
@@ -143,8 +144,10 @@ def plan_search(
     return SearchResult(on_flat_ground(plan), found, area)
 
 
-def over_terrain(plan: SurveyPlan, request: TerrainRequest) -> tuple[SurveyPlan, TerrainReport]:
+def over_terrain(plan: SurveyPlan, request: TerrainRequest) -> tuple[SurveyPlan, TerrainReport | None]:
     """Return a plan over flat ground bent to an elevation model. Raises ``DataError`` where elevations are missing."""
+    if request.dem is None:
+        return by_the_vehicles_terrain(plan), None
     return follow_terrain(plan, open_dem(request.dem, request.vertical), request.settings, request.frame)
 
 

@@ -138,6 +138,19 @@ def test_a_survey_follows_the_terrain_too(capsys: pytest.CaptureFixture[str], tm
     assert facts["covered_share"] == flat["covered_share"] and facts["home_alt_amsl_m"] > 400
 
 
+@pytest.mark.parametrize("pattern", [[], ["--pattern", "parallel"]])
+def test_ardupilot_follows_its_own_terrain(pattern: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    out = tmp_path / "s.plan"
+    code, facts, err = run(
+        capsys, AREA, *pattern, *CAMERA, "--height", "60", "--altitude-frame", "terrain", "-o", str(out)
+    )
+    assert code == 0, err
+    assert facts["frame"] == "terrain" and "terrain" not in facts
+    assert any("terrain data" in w for w in facts["warnings"])
+    assert not any("flat ground" in w for w in facts["warnings"])
+    assert {i.frame for i in read_mission(out).items if i.command == 16} == {10}
+
+
 def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     common = [AREA, "--pattern", "creeping", *CAMERA, "--height", "60"]
     code, facts, _ = run(capsys, *common, "-o", str(tmp_path / "s.wpml.kmz"))

@@ -20,6 +20,7 @@ _MOST_SAMPLES = 2_000_000
 _DEFAULT_SPEED_M_S = 10.0
 
 _FLAT = "flat ground"
+_VEHICLES_TERRAIN = "heights are above terrain as the vehicle knows it: check that its terrain data is loaded"
 FLAT_GROUND = "assumes flat ground: heights are above the take-off place; give --dem FILE to follow the terrain"
 
 
@@ -79,6 +80,16 @@ class TerrainReport:
 def on_flat_ground(plan: SurveyPlan) -> SurveyPlan:
     """Return the plan with the warning that it knows nothing of the terrain."""
     return plan if any(_FLAT in w for w in plan.warnings) else replace(plan, warnings=(*plan.warnings, FLAT_GROUND))
+
+
+def by_the_vehicles_terrain(plan: SurveyPlan) -> SurveyPlan:
+    """Return a plan whose heights are above the ground as the vehicle itself knows it; no model is asked here."""
+    if plan.frame is not AltitudeFrame.RELATIVE:
+        raise UsageError(
+            f"only a plan above the take-off place can be bent to the ground, not one that is {plan.frame}"
+        )
+    kept = tuple(w for w in plan.warnings if _FLAT not in w)
+    return replace(plan, frame=AltitudeFrame.TERRAIN, warnings=(*kept, _VEHICLES_TERRAIN))
 
 
 def follow_terrain(
@@ -267,7 +278,7 @@ def _warnings(
             "the elevation model does not say what its heights are above: mean sea level is assumed (--dem-vertical)"
         )
     if frame is AltitudeFrame.TERRAIN:
-        said.append("heights are above terrain as the vehicle knows it: check that its terrain data is loaded")
+        said.append(_VEHICLES_TERRAIN)
     asked = max((w.alt_m for s in plan.sorties for w in s.waypoints if w.trigger is not None), default=None)
     if asked is not None and report.highest_survey_m > asked + settings.tolerance_m + 0.5:
         said.append(
