@@ -52,7 +52,7 @@ def survey_area(
     warnings: list[str] = []
     points = [p for polygon in polygons for ring in polygon.rings for p in ring] + list(line)
     if not points:
-        raise DataError("the area holds no polygon and no line: nothing to plan")
+        raise DataError("the area holds no polygon: where it is a line, say how wide the strip about it is by --corridor-width M")
     frame = _frame_about(points)
     corridor: tuple[LineString, ...] = ()
     if corridor_width_m is not None:
@@ -63,8 +63,6 @@ def survey_area(
             raise DataError("the line is shorter than half a metre: nothing to plan")
         corridor = (path,)
         area: BaseGeometry = path.buffer(corridor_width_m / 2.0, cap_style="flat", join_style="round")
-    elif not polygons:
-        raise DataError("the area is a line: say how wide the strip about it is by --corridor-width M")
     else:
         area = _sound(frame, polygons, "area", warnings)
     _check(area)

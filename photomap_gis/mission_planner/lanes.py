@@ -101,7 +101,7 @@ def sweep(
     back = _axes(heading_rad)  # its transpose is its inverse
     lanes = []
     for x, cut in zip(offsets, shapely.intersection(flat, slabs), strict=True):
-        stretches = [_needed(part, float(x), sure) for part in shapely.get_parts(cut) if isinstance(part, Polygon)]
+        stretches = [_needed(part, float(x), sure) for part in shapely.get_parts(cut) if isinstance(part, Polygon) and not part.is_empty]
         for low, high in _merged(stretches, spacing, merge_gap_m):
             lanes.append(Lane(np.array([[x, low], [x, high]]) @ back))
     return lanes
