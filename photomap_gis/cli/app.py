@@ -21,7 +21,7 @@ COMMANDS = {
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "reference": "Lay a mission's map on existing imagery.",
     "plan": "Plan a coverage flight over an area, with proof of what it sees.",
-    "search": "Plan a search pattern: SS, VS, PS, CS, spiral, orbit.",
+    "convert": "Convert a mission: .plan to .waypoints and back.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",
     "demo": "Simulate a flight, map it and compare with the truth.",

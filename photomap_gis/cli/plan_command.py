@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import click
 
+from photomap_gis.cli.pattern_plan import check_options, plan_by_pattern, say_pattern
 from photomap_gis.cli.progress import ProgressBars
-from photomap_gis.cli.search_options import file_options, lat_lon, rally_points, terrain_options, terrain_request
+from photomap_gis.cli.search_options import (
+    file_options,
+    lat_lon,
+    rally_points,
+    search_options,
+    terrain_options,
+    terrain_request,
+)
 from photomap_gis.core.errors import UsageError
 
 _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drones carry
@@ -77,6 +86,7 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
               help="Only what this mission's map does not show of AREA (default: of its own extent).")
 @click.option("--coarser-than", metavar="M", help="With --gaps: also what was seen coarser; default: the plan's GSD.")
 @click.option("--older-than", metavar="TIME", help="With --gaps: also what was last seen before, as 2026-11-25T10:00.")
+@search_options
 @terrain_options
 @file_options
 @click.option("--picture", type=click.Path(path_type=Path), metavar="PNG", help="Default: beside the plan.")
@@ -91,6 +101,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     photomap plan town.kml --avoid hospital.kml --target person --endurance-min 25 --home 47.05,8.31 -o town.plan
     photomap plan "47.050,8.310;47.058,8.321" --corridor-width 120 --height 80 -o road.kmz
     photomap plan --gaps flight-1 --gsd 2cm -o second.plan
+    photomap plan --pattern expanding-square --datum 47.05,8.31 --radius 400 --target person -o search.plan
     """
     from photomap_gis.mission_planner.area import survey_area
     from photomap_gis.mission_planner.picture import survey_picture
@@ -100,7 +111,9 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     from photomap_gis.pipeline.plan_report import terrain_facts
     from photomap_gis.pipeline.search import over_terrain
 
-    if area is None and chosen["gaps"] is None:
+    context = click.get_current_context()
+    check_options(context, chosen["pattern"])
+    if area is None and chosen["gaps"] is None and chosen["pattern"] is None:
         raise UsageError("say which AREA to survey (a file, WKT or LAT,LON;LAT,LON;...), or --gaps MISSION")
     if output is None and not as_json and chosen["picture"] is None:
         raise UsageError("say where the plan goes: -o PLAN.plan (or .waypoints .kml .geojson .gpx .csv), or --json")
@@ -109,6 +122,12 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
 
         plan_format(output, chosen["file_format"])
     settings, assumed = _settings(chosen)
+    if chosen["pattern"] is not None:
+        plan, facts = plan_by_pattern(area, chosen, settings, context)
+        facts["warnings"] = [*assumed, *facts["warnings"]]
+        facts["warnings"] += _storage(plan, chosen)
+        _tell(_write(output, plan, chosen), facts, as_json, say_pattern)
+        return
     gsd = settings.optics.gsd_m_per_px(settings.height_m)
     places = read_places(area) if area is not None else None
     polygons = places.polygons if places else ()
@@ -130,11 +149,12 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
         from photomap_gis.pipeline.plan_report import plan_facts
 
         plan, report = over_terrain(plan, terrain)
-        facts |= plan_facts(plan) | terrain_facts(report)
+        facts |= plan_facts(plan) | terrain_facts(report, gsd, settings.height_m)
     facts["warnings"] = [*assumed, *facts["warnings"]]
     longest = max((s.duration_s for s in plan.sorties), default=0.0)
     if settings.endurance_s is None and longest > 1500.0:
         facts["warnings"].append(f"one flight of {longest / 60:.0f} min: --endurance-min splits it by batteries")
+    facts["warnings"] += _storage(plan, chosen)
     written = _write(output, plan, chosen)
     picture = chosen["picture"] or (output.with_suffix(".png") if output is not None else None)
     if picture is not None:
@@ -142,13 +162,16 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
 
         write_file(picture, survey_picture(survey))
         written.append(picture)
-    facts["files"] = [str(p) for p in written]
+    _tell(written, facts, as_json, _say)
+
+
+def _tell(written: list[Path], facts: dict[str, Any], as_json: bool, say: Callable[[dict[str, Any]], None]) -> None:
     if as_json:
-        click.echo(json.dumps(facts, indent=1, allow_nan=False))
+        click.echo(json.dumps(facts | {"files": [str(p) for p in written]}, indent=1, allow_nan=False))
         return
     for path in written:
         click.echo(path)
-    _say(facts)
+    say(facts)
 
 
 def _line(area: str | None, places: Any) -> Any:
@@ -259,6 +282,13 @@ def _time(text: str | None) -> float | None:
     except ValueError:
         raise UsageError(f"--older-than {text}: a date and time (UTC) as 2026-11-25T10:00") from None
     return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+def _storage(plan: Any, chosen: dict[str, Any]) -> list[str]:
+    from photomap_gis.core.mission import Autopilot
+    from photomap_gis.mission_planner.items import storage_warnings
+
+    return storage_warnings(plan, Autopilot(chosen["autopilot"]))
 
 
 def _write(output: Path | None, plan: Any, chosen: dict[str, Any]) -> list[Path]:

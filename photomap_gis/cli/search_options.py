@@ -87,17 +87,22 @@ def _added(function: F, options: tuple[Callable[[F], F], ...]) -> F:
 
 
 def search_request(
-    chosen: Mapping[str, Any], optics: Optics, *, height_m: float | None, gsd: float | None, target_m: float | None
+    chosen: Mapping[str, Any],
+    optics: Optics,
+    *,
+    height_m: float,
+    target_m: float | None,
+    front_overlap: float | None,
+    least_interval_s: float,
 ) -> SearchRequest:
-    """Return what the search options ask for."""
+    """Return what the search options ask for; ``front_overlap`` is a share, None for a search's own."""
     from photomap_gis.mission_planner.patterns import Pattern
-    from photomap_gis.pipeline.search import SearchRequest
+    from photomap_gis.pipeline.search import SEARCH_OVERLAP, SearchRequest
 
     return SearchRequest(
         pattern=Pattern(chosen["pattern"]),
         optics=optics,
         height_m=height_m,
-        gsd_m_per_px=gsd,
         target_m=target_m,
         radius_m=chosen["radius"],
         track_spacing_m=chosen["track_spacing"],
@@ -105,27 +110,32 @@ def search_request(
         coverage_factor=chosen["coverage_factor"],
         heading_deg=chosen["first_leg"],
         passes=chosen["passes"],
-        trigger=chosen.get("trigger") or "distance",
+        trigger=chosen["trigger"],
+        front_overlap=SEARCH_OVERLAP if front_overlap is None else front_overlap,
+        least_interval_s=least_interval_s,
     )
 
 
 def terrain_request(chosen: Mapping[str, Any], height_m: float) -> TerrainRequest | None:
-    """Return what the terrain options ask for, None without a model.
+    """Return what the terrain options ask for, None for heights above the take-off place without a model.
 
-    Raises ``UsageError`` for an altitude frame that only a model can give.
+    Raises ``UsageError`` for heights above the sea without a model, since nothing is known of them.
     """
     frame = AltitudeFrame(chosen["altitude_frame"] or "relative")
-    if chosen["dem"] is None:
-        if frame is not AltitudeFrame.RELATIVE:
-            raise UsageError(
-                f"--altitude-frame {frame} needs --dem FILE: without the ground's height nothing is known but heights "
-                "above the take-off place"
-            )
+    if chosen["dem"] is None and frame is AltitudeFrame.RELATIVE:
         return None
+    if chosen["dem"] is None and frame is AltitudeFrame.AMSL:
+        raise UsageError(
+            "--altitude-frame amsl needs --dem FILE: without the ground's height nothing is known but heights above "
+            "the take-off place"
+        )
     from photomap_gis.mission_planner.terrain import FollowSettings, VerticalDatum
     from photomap_gis.pipeline.search import TerrainRequest
 
     tolerance = chosen["terrain_tolerance"]
+    if tolerance is not None and not 0 < tolerance <= height_m / 2:
+        most = height_m / 2
+        raise UsageError(f"--terrain-tolerance must lie in 0 to half the height ({most:.0f} m), got {tolerance:g}")
     settings = FollowSettings(
         tolerance_m=max(0.05 * height_m, 1.0) if tolerance is None else tolerance,
         climb_m_s=chosen["climb"],

@@ -55,9 +55,15 @@ def search_facts(result: SearchResult) -> Json:
     }
 
 
-def terrain_facts(report: TerrainReport) -> Json:
-    """Return how high the flight is above the ground that is there."""
-    return {"terrain": {k: v if isinstance(v, int) else _rounded(v) for k, v in asdict(report).items()}}
+def terrain_facts(report: TerrainReport | None, gsd_m_per_px: float, height_m: float) -> Json:
+    """Return how high the flight is above the ground that is there, and the range of ``gsd_m_per_px`` for it."""
+    if report is None:
+        return {}
+    per_metre = gsd_m_per_px / height_m
+    return {
+        "terrain": {k: v if isinstance(v, int) else _rounded(v) for k, v in asdict(report).items()},
+        "gsd_range_m_per_px": [per_metre * report.lowest_survey_m, per_metre * report.highest_survey_m],
+    }
 
 
 def _rounded(value: float | tuple[float, ...]) -> float | list[float]:

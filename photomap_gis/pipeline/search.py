@@ -34,6 +34,7 @@ from photomap_gis.mission_planner.terrain import (
     FollowSettings,
     TerrainReport,
     VerticalDatum,
+    by_the_vehicles_terrain,
     follow_terrain,
     on_flat_ground,
     open_dem,
@@ -41,9 +42,8 @@ from photomap_gis.mission_planner.terrain import (
 
 LonLat = tuple[float, float]
 
-_PIXELS_OVERLAP = 0.3
+SEARCH_OVERLAP = 0.3
 """Of successive pictures in a search: every spot is looked at twice over most of the swath."""
-_BLUR_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +59,13 @@ class SearchPlace:
 class SearchRequest:
     """What is asked of a search; None where the planner decides.
 
-    ``height_m`` above ground, or ``gsd_m_per_px``, or ``target_m`` (which must span 8 pixels); the sweep width is the
+    ``height_m`` is above ground; a target of ``target_m`` must span 8 pixels from there. The sweep width is the
     camera's swath unless stated, the track spacing the sweep width over ``coverage_factor`` unless stated.
     """
 
     pattern: Pattern
     optics: Optics
-    height_m: float | None = None
-    gsd_m_per_px: float | None = None
+    height_m: float
     target_m: float | None = None
     radius_m: float | None = None
     track_spacing_m: float | None = None
@@ -75,7 +74,8 @@ class SearchRequest:
     heading_deg: float | None = None
     passes: int = 1
     trigger: str = "distance"
-    front_overlap: float = _PIXELS_OVERLAP
+    front_overlap: float = SEARCH_OVERLAP
+    least_interval_s: float = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +89,9 @@ class SearchResult:
 
 @dataclass(frozen=True, slots=True)
 class TerrainRequest:
-    """Where the ground is, and how to follow it."""
+    """Where the ground is, and how to follow it; without a model only the vehicle's own terrain can be followed."""
 
-    dem: Path
+    dem: Path | None
     settings: FollowSettings
     vertical: VerticalDatum | None = None
     frame: AltitudeFrame = AltitudeFrame.RELATIVE
@@ -107,10 +107,11 @@ def plan_search(
     transit_height_m: float | None = None,
     endurance_s: float | None = None,
     lands: bool = False,
+    zone_margin_m: float = 5.0,
 ) -> SearchResult:
     """Return the flights of a search over flat ground. Raises ``UsageError`` where the request makes no sense."""
     place, request = _with_datum(place, request)
-    height = _height_m(request)
+    height = request.height_m
     width = _sweep_width(request, height) if request.sweep_width_m is None else request.sweep_width_m
     spacing = request.track_spacing_m
     if spacing is None:
@@ -130,6 +131,7 @@ def plan_search(
         transit_height_m=transit_height_m,
         endurance_s=endurance_s,
         lands=lands,
+        zone_margin_m=zone_margin_m,
         look_at_datum=orbits,
     )
     plan = search_plan(
@@ -142,24 +144,11 @@ def plan_search(
     return SearchResult(on_flat_ground(plan), found, area)
 
 
-def over_terrain(plan: SurveyPlan, request: TerrainRequest) -> tuple[SurveyPlan, TerrainReport]:
+def over_terrain(plan: SurveyPlan, request: TerrainRequest) -> tuple[SurveyPlan, TerrainReport | None]:
     """Return a plan over flat ground bent to an elevation model. Raises ``DataError`` where elevations are missing."""
+    if request.dem is None:
+        return by_the_vehicles_terrain(plan), None
     return follow_terrain(plan, open_dem(request.dem, request.vertical), request.settings, request.frame)
-
-
-def _height_m(request: SearchRequest) -> float:
-    asked = [n for n in ("height_m", "gsd_m_per_px", "target_m") if getattr(request, n) is not None]
-    if request.height_m is not None:
-        height = request.height_m
-    elif request.gsd_m_per_px is not None:
-        height = request.optics.height_m(request.gsd_m_per_px)
-    elif request.target_m is not None:
-        height = request.optics.height_m(request.target_m / 8.0)
-    else:
-        raise UsageError("say how high to fly: --height, --gsd or --target")
-    if not (math.isfinite(height) and 1.0 <= height <= 10_000.0):
-        raise UsageError(f"the height comes to {height:g} m ({', '.join(asked)}): 1 m to 10 km can be flown")
-    return height
 
 
 def _sweep_width(request: SearchRequest, height_m: float) -> float:
@@ -173,6 +162,8 @@ def _camera(request: SearchRequest, height_m: float, model: FlightModel) -> tupl
     step = request.optics.footprint_m(height_m)[1] * (1.0 - request.front_overlap)
     if request.trigger == "hover":
         return CameraTrigger(hover=True), speed
+    if request.least_interval_s > 0:
+        speed = min(speed, step / request.least_interval_s)
     if request.trigger == "time":
         return CameraTrigger(interval_s=round(step / speed, 2)), speed
     return CameraTrigger(distance_m=round(step, 2)), speed

