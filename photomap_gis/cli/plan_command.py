@@ -313,8 +313,8 @@ def _say(facts: dict[str, Any]) -> None:
         f"{facts['pattern']}: {facts['lanes']} lanes in {len(facts['sorties'])} sorties, "
         f"{facts['length_m'] / 1000:.2f} km, {facts['duration_s'] / 60:.1f} min, {facts['photos']} photos at "
         f"{100 * facts['gsd_m_per_px']:.2f} cm/px from {facts['height_m']:.1f} m\n"
-        f"{100 * facts['covered_share']:.3f} % of {facts['area_m2'] / 1e4:.2f} ha is sure to be seen at the tolerances; "
-        f"overlaps {front:.0f} / {side:.0f} %",
+        f"{100 * facts['covered_share']:.3f} % of {facts['area_m2'] / 1e4:.2f} ha is sure to be seen at the "
+        f"tolerances; overlaps {front:.0f} / {side:.0f} %",
         err=True,
     )
     for warning in facts["warnings"]:
