@@ -20,6 +20,8 @@ COMMANDS = {
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, MBTiles, poses.",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "reference": "Lay a mission's map on existing imagery.",
+    "plan": "Plan a coverage flight over an area, with proof of what it sees.",
+    "convert": "Convert a mission: .plan to .waypoints and back.",
     "upload": "Upload a plan to an autopilot, verify it, restore on failure.",
     "download": "Download an autopilot's mission, fence and rally points.",
     "clear": "Clear an autopilot's mission, fence and rally points.",

@@ -19,6 +19,9 @@ from photomap_gis.mission_planner.fence import fence_around
 FENCE_MARGIN_M = 50.0
 """Room between the flight and its fence: turns, gusts and the fix's error must not breach it."""
 
+MOST_ITEMS = 650
+"""What a common flight controller stores of a mission, measured on ArduPilot Copter 4.7; small ones store fewer."""
+
 _SETTLE_S = 1.0  # a vehicle that does not hold flies through its waypoint and photographs in motion
 _MOUNT_MODE_TARGETING = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 
@@ -54,6 +57,17 @@ def to_mission(
         autopilot=autopilot,
         cruise_speed_m_s=_fastest(sortie),
     )
+
+
+def storage_warnings(plan: SurveyPlan, autopilot: Autopilot) -> list[str]:
+    """Say which sorties are longer than what a common flight controller stores."""
+    counts = [sum(1 for _ in _items(sortie, plan.frame, autopilot)) for sortie in plan.sorties]
+    return [
+        f"sortie {number} has {count} mission items, and common autopilots store {MOST_ITEMS}: split it by "
+        "--endurance-min, or trigger by distance instead of hovering"
+        for number, count in enumerate(counts, 1)
+        if count > MOST_ITEMS
+    ]
 
 
 def _items(sortie: Sortie, frame: AltitudeFrame, autopilot: Autopilot) -> Iterator[MissionItem]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from shapely.geometry import LineString, Polygon
@@ -10,7 +11,7 @@ from photomap_gis.core.errors import UsageError
 from photomap_gis.core.mission import Autopilot, MissionItem, RallyPoint
 from photomap_gis.core.plan import AltitudeFrame, CameraTrigger, SurveyPlan
 from photomap_gis.mission_planner.commands import Cmd
-from photomap_gis.mission_planner.items import to_mission
+from photomap_gis.mission_planner.items import storage_warnings, to_mission
 from photomap_gis.mission_planner.local_frame import LocalFrame
 
 Plans = Callable[..., SurveyPlan]
@@ -103,6 +104,15 @@ def test_the_fence_holds_the_flight_with_a_margin_and_leaves_zones_out(two_lanes
     assert [f.inclusion for f in mission.fence_polygons] == [True, False]
     assert inside.covers(path.buffer(29.9))
     assert zone.distance(path) > 50.0 and zone.area > 0
+
+
+def test_more_items_than_an_autopilot_stores_are_said(two_lanes: Plans):
+    plan = two_lanes(trigger=CameraTrigger(hover=True))
+    assert storage_warnings(plan, ARDUPILOT) == []
+    (sortie,) = plan.sorties
+    long = replace(plan, sorties=(replace(sortie, waypoints=sortie.waypoints * 50), sortie))
+    (words,) = storage_warnings(long, ARDUPILOT)
+    assert words.startswith("sortie 1 has ") and "--endurance-min" in words
 
 
 def test_home_and_rally_go_along(two_lanes: Plans):

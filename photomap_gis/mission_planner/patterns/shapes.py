@@ -120,9 +120,9 @@ def from_line(line: LineString, *, spacing_m: float, passes: int = 1) -> Track:
 
 
 def expanding_square(spacing_m: float, radius_m: float) -> FloatArray:
-    """SS with the first leg north: legs 1, 1, 2, 2, 3, 3, ... until every side is ``radius_m`` away."""
-    # After four legs the square has grown by half a spacing to each side.
-    count = 2 * math.ceil(2.0 * radius_m / spacing_m - 1e-9) + 1
+    """SS with the first leg north: legs 1, 1, 2, 2, 3, 3, ... until each side sweeps to ``radius_m``."""
+    # Four legs make a ring that lies a spacing further out; its swath reaches half a spacing more.
+    count = 4 * max(1, math.ceil(radius_m / spacing_m - 0.5 - 1e-9)) + 1
     if count > MOST_POINTS:
         raise _too_many()
     lengths = spacing_m * (1 + np.arange(count) // 2)
@@ -145,18 +145,22 @@ def sector(radius_m: float, passes: int = 1) -> FloatArray:
 
 
 def spiral(spacing_m: float, radius_m: float) -> FloatArray:
-    """An Archimedean spiral, turning right, with chords that leave it by at most a twentieth of the spacing."""
-    per_rad = spacing_m / (2.0 * math.pi)
-    last = radius_m / per_rad + 2.0 * math.pi  # one turn more, so that the rim is passed all round
+    """An Archimedean spiral, turning right, of chords that leave it by at most a twentieth of the spacing.
+
+    Its turns lie closer by as much, so that no two chords are more than the spacing apart.
+    """
+    per_rad = 0.95 * spacing_m / (2.0 * math.pi)
+    rim_m = max(radius_m - 0.45 * spacing_m, spacing_m / 4.0)  # whose chords' swath reaches the radius
+    last = rim_m / per_rad + 2.0 * math.pi  # one turn more: all round the rim
     angle, angles = 0.0, [0.0]
     while angle < last and len(angles) <= MOST_POINTS:
-        radius = max(per_rad * angle, spacing_m / 4.0)
+        radius = max(per_rad * (angle + math.pi / 4.0), spacing_m / 4.0)  # at the chord's far end
         angle = min(last, angle + min(_chord_rad(radius, spacing_m / 20.0), math.pi / 4.0))
         angles.append(angle)
     if len(angles) > MOST_POINTS:
         raise _too_many()
     a = np.asarray(angles)
-    r = np.minimum(per_rad * a, radius_m)
+    r = np.minimum(per_rad * a, rim_m)
     return r[:, None] * np.column_stack((np.sin(a), np.cos(a)))
 
 
@@ -178,7 +182,8 @@ def perimeter(area: BaseGeometry, spacing_m: float, passes: int) -> list[FloatAr
             if isinstance(part, Polygon) and not part.is_empty:
                 simple = part.simplify(spacing_m / 50.0)
                 # to the right round the outside, as all patterns turn
-                rings += [np.asarray(ring.coords)[::-1] for ring in (simple.exterior, *simple.interiors)]
+                simple = shapely.geometry.polygon.orient(simple, -1.0)
+                rings += [np.asarray(ring.coords) for ring in (simple.exterior, *simple.interiors)]
         if not rings:
             raise UsageError(
                 f"no perimeter fits half a track spacing ({spacing_m / 2:.1f} m) inside this area: "
@@ -195,7 +200,8 @@ def sweeps(area: BaseGeometry, spacing_m: float, heading_deg: float) -> list[Flo
     A leg reaches as far as any part of its strip, less half a spacing at its ends, so that a square swath as wide as
     the spacing covers slanted edges too.
     """
-    to_north = shapely.affinity.rotate(area, heading_deg, origin=(0.0, 0.0))
+    # Turning can make a hair's breadth of a spike cross itself.
+    to_north = shapely.make_valid(shapely.affinity.rotate(area, heading_deg, origin=(0.0, 0.0)))
     west, south, east, north = to_north.bounds
     count = max(1, math.ceil((east - west) / spacing_m - 1e-9))
     if count > MOST_POINTS:

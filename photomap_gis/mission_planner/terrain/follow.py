@@ -19,15 +19,25 @@ FloatArray = NDArray[np.float64]
 _MOST_SAMPLES = 2_000_000
 _DEFAULT_SPEED_M_S = 10.0
 
+_FLAT = "flat ground"
+_VEHICLES_TERRAIN = "heights are above terrain as the vehicle knows it: check that its terrain data is loaded"
 FLAT_GROUND = "assumes flat ground: heights are above the take-off place; give --dem FILE to follow the terrain"
 
 
 class Ground(Protocol):
     """Where the ground is; ``Dem`` is one."""
 
-    vertical: VerticalDatum
-    stated: bool
-    cell_m: float
+    @property
+    def vertical(self) -> VerticalDatum:
+        """What its heights are above."""
+
+    @property
+    def stated(self) -> bool:
+        """Whether somebody said so."""
+
+    @property
+    def cell_m(self) -> float:
+        """How far apart it knows the ground."""
 
     def elevation_m(self, lat_lon_deg: ArrayLike) -> FloatArray:
         """Return metres at ``(N, 2)`` latitudes and longitudes, NaN where not known."""
@@ -69,7 +79,17 @@ class TerrainReport:
 
 def on_flat_ground(plan: SurveyPlan) -> SurveyPlan:
     """Return the plan with the warning that it knows nothing of the terrain."""
-    return plan if FLAT_GROUND in plan.warnings else replace(plan, warnings=(*plan.warnings, FLAT_GROUND))
+    return plan if any(_FLAT in w for w in plan.warnings) else replace(plan, warnings=(*plan.warnings, FLAT_GROUND))
+
+
+def by_the_vehicles_terrain(plan: SurveyPlan) -> SurveyPlan:
+    """Return a plan whose heights are above the ground as the vehicle itself knows it; no model is asked here."""
+    if plan.frame is not AltitudeFrame.RELATIVE:
+        raise UsageError(
+            f"only a plan above the take-off place can be bent to the ground, not one that is {plan.frame}"
+        )
+    kept = tuple(w for w in plan.warnings if _FLAT not in w)
+    return replace(plan, frame=AltitudeFrame.TERRAIN, warnings=(*kept, _VEHICLES_TERRAIN))
 
 
 def follow_terrain(
@@ -104,7 +124,7 @@ def follow_terrain(
         (min(b.ground[0] for b in bent), max(b.ground[1] for b in bent)),
         added,
     )
-    warnings = [w for w in plan.warnings if w != FLAT_GROUND] + _warnings(plan, ground, settings, frame, report)
+    warnings = [w for w in plan.warnings if _FLAT not in w] + _warnings(plan, ground, settings, frame, report)
     result = replace(
         plan,
         frame=frame,
@@ -258,7 +278,7 @@ def _warnings(
             "the elevation model does not say what its heights are above: mean sea level is assumed (--dem-vertical)"
         )
     if frame is AltitudeFrame.TERRAIN:
-        said.append("heights are above terrain as the vehicle knows it: check that its terrain data is loaded")
+        said.append(_VEHICLES_TERRAIN)
     asked = max((w.alt_m for s in plan.sorties for w in s.waypoints if w.trigger is not None), default=None)
     if asked is not None and report.highest_survey_m > asked + settings.tolerance_m + 0.5:
         said.append(
