@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-
 class FiniteRange(click.FloatRange):
     """A number within bounds: ``nan`` and ``inf``, which slip through comparisons, are none."""
 
