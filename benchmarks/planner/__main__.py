@@ -36,7 +36,9 @@ def main() -> int:
     if chosen.json:
         print(json.dumps(found, indent=1))
     else:
-        print(f"{found['areas']} areas, {found['uncovered']} not wholly covered by us, planned in {found['planning_s']} s")
+        print(
+            f"{found['areas']} areas, {found['uncovered']} not wholly covered by us, planned in {found['planning_s']} s"
+        )
         for name, sums in found["rivals"].items():
             print(f"{name:<28} ours / theirs {sums['ratio']:.3f} over {sums['areas']} areas "
                   f"(convex {sums['ratio_convex']:.3f}, concave {sums['ratio_concave']:.3f})")  # fmt: skip

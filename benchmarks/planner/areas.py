@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+import shapely.affinity
 from shapely.geometry import Polygon
 
 SEED = 20261125
@@ -27,7 +28,8 @@ def areas(count: int = 120, seed: int = SEED) -> Iterator[BenchArea]:
         convex = number % 2 == 0
         size = float(np.sqrt(10 ** rng.uniform(4.7, 6.2)))
         polygon = _convex(rng) if convex else _concave(rng, number)
-        polygon = shapely.transform(polygon, lambda p, s=size / np.sqrt(polygon.area): p * s)
+        scale = size / float(np.sqrt(polygon.area))
+        polygon = shapely.affinity.scale(polygon, scale, scale, origin=(0.0, 0.0))
         blow = rng.uniform(0, 2 * np.pi)
         wind = 5.0 * np.array([np.sin(blow), np.cos(blow)]) if number % 3 == 0 else np.zeros(2)
         yield BenchArea(f"{number:03d}", polygon, convex, (float(wind[0]), float(wind[1])))

@@ -31,9 +31,7 @@ def _sweep(polygon: shapely.Polygon, spacing: Spacing, heading_rad: float) -> li
     west, south, east, north = flat.bounds
     count = math.ceil((east - west) / spacing.lane_m)
     xs = (west + east) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * spacing.lane_m
-    back = np.array(
-        [[math.cos(heading_rad), -math.sin(heading_rad)], [math.sin(heading_rad), math.cos(heading_rad)]]
-    )
+    back = np.array([[math.cos(heading_rad), -math.sin(heading_rad)], [math.sin(heading_rad), math.cos(heading_rad)]])
     lanes: list[Lane] = []
     for number, x in enumerate(xs):
         cut = LineString([(x, south - 1), (x, north + 1)]).intersection(flat)

@@ -37,7 +37,7 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.option("--corridor-width", type=FiniteRange(0.5, 20_000), metavar="M",
               help="AREA is a line: survey a strip this wide about it.")
 @click.option("--inset", is_flag=True, help="Never leave the polygon; then what can be seen from inside is covered.")
-@click.option("--camera", metavar="NAME|PHOTO", help="A known camera, as FC6310 or 'Mavic 3E', or a photo that it took.")
+@click.option("--camera", metavar="NAME|PHOTO", help="A known camera, as FC6310 or 'Mavic 3E', or a photo it took.")
 @click.option("--fov-deg", type=FiniteRange(1, 160), metavar="DEG", help="Horizontal field of view.")
 @click.option("--image-width", type=click.IntRange(1, 100_000), metavar="PX", help="Raster, with --fov-deg.")
 @click.option("--image-height", type=click.IntRange(1, 100_000), metavar="PX", help="Raster, with --fov-deg.")
@@ -93,7 +93,6 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.option("--picture", type=click.Path(path_type=Path), metavar="PNG", help="Default: beside the plan.")
 @click.option("--json", "as_json", is_flag=True, help="Print the plan and its proof as JSON on stdout.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
-# fmt: on
 def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, **chosen: Any) -> None:
     """Plan flights that are sure to see all of AREA: a file (GeoJSON, KML/KMZ, GeoPackage, Shapefile), WKT, or
     LAT,LON;LAT,LON;...
@@ -215,7 +214,10 @@ def _settings(chosen: dict[str, Any]) -> tuple[Any, list[str]]:
         front_overlap=chosen["front_overlap"] / 100.0,
         side_overlap=chosen["side_overlap"] / 100.0,
         tolerances=Tolerances(
-            chosen["cross_track"], chosen["heading_tolerance"], chosen["tilt_tolerance"], chosen["height_tolerance"] / 100.0
+            cross_track_m=chosen["cross_track"],
+            heading_deg=chosen["heading_tolerance"],
+            tilt_deg=chosen["tilt_tolerance"],
+            height_share=chosen["height_tolerance"] / 100.0,
         ),
         model=FlightModel(
             speed_m_s=chosen["speed"],
@@ -307,12 +309,13 @@ def _write(output: Path | None, plan: Any, chosen: dict[str, Any]) -> list[Path]
 
 
 def _say(facts: dict[str, Any]) -> None:
+    front, side = 100 * facts["front_overlap"], 100 * facts["side_overlap"]
     click.echo(
-        f"{facts['pattern']}: {facts['lanes']} lanes in {len(facts['sorties'])} sorties, {facts['length_m'] / 1000:.2f} km, "
-        f"{facts['duration_s'] / 60:.1f} min, {facts['photos']} photos at {100 * facts['gsd_m_per_px']:.2f} cm/px from "
-        f"{facts['height_m']:.1f} m\n"
-        f"{100 * facts['covered_share']:.3f} % of {facts['area_m2'] / 1e4:.2f} ha is sure to be seen at the tolerances; overlaps "
-        f"{100 * facts['front_overlap']:.0f} / {100 * facts['side_overlap']:.0f} %",
+        f"{facts['pattern']}: {facts['lanes']} lanes in {len(facts['sorties'])} sorties, "
+        f"{facts['length_m'] / 1000:.2f} km, {facts['duration_s'] / 60:.1f} min, {facts['photos']} photos at "
+        f"{100 * facts['gsd_m_per_px']:.2f} cm/px from {facts['height_m']:.1f} m\n"
+        f"{100 * facts['covered_share']:.3f} % of {facts['area_m2'] / 1e4:.2f} ha is sure to be seen at the "
+        f"tolerances; overlaps {front:.0f} / {side:.0f} %",
         err=True,
     )
     for warning in facts["warnings"]:

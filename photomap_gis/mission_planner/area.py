@@ -52,7 +52,9 @@ def survey_area(
     warnings: list[str] = []
     points = [p for polygon in polygons for ring in polygon.rings for p in ring] + list(line)
     if not points:
-        raise DataError("the area holds no polygon: where it is a line, say how wide the strip about it is by --corridor-width M")
+        raise DataError(
+            "the area holds no polygon: where it is a line, say how wide the strip about it is by --corridor-width M"
+        )
     frame = _frame_about(points)
     corridor: tuple[LineString, ...] = ()
     if corridor_width_m is not None:
@@ -83,7 +85,9 @@ def geo_polygons(frame: LocalFrame, geometry: BaseGeometry) -> tuple[GeoPolygon,
             for ring in (part.exterior, *part.interiors):
                 lat_lon = frame.to_lat_lon(ring.coords)
                 lon = frame.lon_deg + (lat_lon[:, 1] - frame.lon_deg + 180.0) % 360.0 - 180.0
-                rings.append(tuple((round(float(x), 9), round(float(y), 9)) for x, y in zip(lon, lat_lon[:, 0], strict=True)))
+                rings.append(
+                    tuple((round(float(x), 9), round(float(y), 9)) for x, y in zip(lon, lat_lon[:, 0], strict=True))
+                )
             found.append(GeoPolygon(tuple(rings)))
     return tuple(found)
 
@@ -113,9 +117,7 @@ def _ring_xy(frame: LocalFrame, ring: Sequence[tuple[float, float]]) -> FloatArr
     parts = np.clip(np.ceil(np.sqrt(sag / _SAG_M)), 1, 200).astype(int)
     if not (parts > 1).any():
         return xy
-    dense = [
-        a + (b - a) * (np.arange(n) / n)[:, None] for a, b, n in zip(places[:-1], places[1:], parts, strict=True)
-    ]
+    dense = [a + (b - a) * (np.arange(n) / n)[:, None] for a, b, n in zip(places[:-1], places[1:], parts, strict=True)]
     return frame.to_xy(np.concatenate([*dense, places[-1:]]))
 
 
@@ -143,7 +145,9 @@ def _closed(xy: FloatArray) -> FloatArray:
 
 
 def _polygons(geometry: BaseGeometry) -> BaseGeometry:
-    return MultiPolygon([p for g in shapely.get_parts(geometry) for p in shapely.get_parts(g) if isinstance(p, Polygon)])
+    return MultiPolygon(
+        [p for g in shapely.get_parts(geometry) for p in shapely.get_parts(g) if isinstance(p, Polygon)]
+    )
 
 
 def _check(area: BaseGeometry) -> None:

@@ -24,6 +24,7 @@ INSET_MARGIN_M = 0.1
 _TOUCH_M = 0.01
 _FAR_M = 1e5
 _MOST_NODES = 900
+_MOST_KEPT = 20_000
 
 
 class FreeSpace:
@@ -47,6 +48,7 @@ class FreeSpace:
         shapely.prepare(self.zones)
         self._nodes = _corners(zones)
         self._rows: dict[int, BoolArray] = {}
+        self._seen: dict[tuple[float, float], BoolArray] = {}
 
     def holds(self, xy: npt.ArrayLike) -> BoolArray:
         """Whether ``(N, 2)`` points may be visited."""
@@ -87,7 +89,7 @@ class FreeSpace:
         if not (self.holds(start)[0] and self.holds(goal)[0]) or not len(self._nodes):
             return None
         nodes = self._nodes
-        from_start, to_goal = self.sees(start, nodes), self.sees(goal, nodes)
+        from_start, to_goal = self._nodes_seen(start), self._nodes_seen(goal)
         left = np.hypot(*(nodes - goal).T)
         best = np.where(from_start, np.hypot(*(nodes - start).T), math.inf)
         before = np.full(len(nodes), -1)
@@ -116,6 +118,14 @@ class FreeSpace:
             way.append(nodes[last])
             last = int(before[last])
         return np.array([start, *way[:0:-1], goal])
+
+    def _nodes_seen(self, place: FloatArray) -> BoolArray:
+        key = (float(place[0]), float(place[1]))
+        if key not in self._seen:
+            if len(self._seen) >= _MOST_KEPT:
+                self._seen.clear()
+            self._seen[key] = self.sees(place, self._nodes)
+        return self._seen[key]
 
     def _row(self, i: int) -> BoolArray:
         if i not in self._rows:

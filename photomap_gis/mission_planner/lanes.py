@@ -17,7 +17,7 @@ import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from photomap_gis.mission_planner.optics import SureFootprint, Spacing
+from photomap_gis.mission_planner.optics import Spacing, SureFootprint
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -101,7 +101,11 @@ def sweep(
     back = _axes(heading_rad)  # its transpose is its inverse
     lanes = []
     for x, cut in zip(offsets, shapely.intersection(flat, slabs), strict=True):
-        stretches = [_needed(part, float(x), sure) for part in shapely.get_parts(cut) if isinstance(part, Polygon) and not part.is_empty]
+        stretches = [
+            _needed(part, float(x), sure)
+            for part in shapely.get_parts(cut)
+            if isinstance(part, Polygon) and not part.is_empty
+        ]
         for low, high in _merged(stretches, spacing, merge_gap_m):
             lanes.append(Lane(np.array([[x, low], [x, high]]) @ back))
     return lanes

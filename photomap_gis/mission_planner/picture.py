@@ -23,9 +23,7 @@ _PATH, _FIRST, _GAP, _ZONE = (25, 25, 25), (20, 120, 40), (220, 0, 160), (200, 4
 def survey_picture(survey: Survey) -> bytes:
     """Return a PNG, north up, with a scale bar; colours say how many pictures are sure to hold a spot."""
     frame = survey.area.frame
-    paths = [
-        frame.to_xy([(w.lat_deg, w.lon_deg) for w in sortie.waypoints]) for sortie in survey.plan.sorties
-    ]
+    paths = [frame.to_xy([(w.lat_deg, w.lon_deg) for w in sortie.waypoints]) for sortie in survey.plan.sorties]
     points = np.concatenate([shapely.get_coordinates(survey.area.area), *paths])
     low, high = points.min(axis=0), points.max(axis=0)
     span = float(max(*(high - low), 1.0))
@@ -61,7 +59,7 @@ def survey_picture(survey: Survey) -> bytes:
 
 def _overlap(survey: Survey, px: object, size: tuple[int, int]) -> Image.Image:
     """The ground in blues by how many pictures are sure to hold it, white outside the area."""
-    assert callable(px)  # noqa: S101
+    assert callable(px)
     count = np.zeros((size[1], size[0]), np.int32)
     xy, heading = counted_shots(survey.lanes, survey.spacing)
     every = max(1, math.ceil(len(xy) / _MOST_PRINTS))
@@ -87,8 +85,10 @@ def _overlap(survey: Survey, px: object, size: tuple[int, int]) -> Image.Image:
     return Image.fromarray(np.where(np.asarray(inside)[..., None], colour, grey).astype(np.uint8))
 
 
-def _outline(draw: ImageDraw.ImageDraw, px: object, geometry: BaseGeometry, colour: tuple[int, int, int], width: int) -> None:
-    assert callable(px)  # noqa: S101
+def _outline(
+    draw: ImageDraw.ImageDraw, px: object, geometry: BaseGeometry, colour: tuple[int, int, int], width: int
+) -> None:
+    assert callable(px)
     for part in shapely.get_parts(geometry):
         for ring in (part.exterior, *part.interiors):
             draw.line(px(ring.coords), fill=colour, width=width)

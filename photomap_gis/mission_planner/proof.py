@@ -126,7 +126,10 @@ def _places_about(piece: Polygon, free: FreeSpace, reach: float) -> FloatArray:
     centre = np.asarray(piece.representative_point().coords[0])
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     rim = shapely.boundary(free.zones).intersection(piece.buffer(reach)) if not free.is_open else shapely.Point()
-    edge = [shapely.get_coordinates(shapely.line_interpolate_point(g, np.linspace(0.0, 1.0, 24), normalized=True))
-            for g in shapely.get_parts(shapely.line_merge(rim)) if g.length > 0]
+    edge = [
+        shapely.get_coordinates(shapely.line_interpolate_point(g, np.linspace(0.0, 1.0, 24), normalized=True))
+        for g in shapely.get_parts(shapely.line_merge(rim))
+        if g.length > 0
+    ]
     places = np.concatenate([middle, centre[None], free.nearest(centre)[None], centre + grid, *edge])
     return places[free.holds(places)]

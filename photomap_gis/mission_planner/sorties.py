@@ -6,6 +6,7 @@ endurance allows. Lanes that are long for one battery may be parted within.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,7 +55,9 @@ class _Point:
     nose_deg: float | None = None
 
 
-def split(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: FlightModel, style: FlightStyle) -> list[list[Lane]]:
+def split(
+    lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: FlightModel, style: FlightStyle
+) -> list[list[Lane]]:
     """Return the lanes of each sortie in order. Raises ``UsageError`` where one battery does not reach a lane."""
     if style.endurance_s is None:
         return [list(lanes)] if lanes else []
@@ -65,7 +68,11 @@ def split(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: Fligh
     out = [transit_s(home, p.xy[0], free, model) for _, p in parts]
     back = [transit_s(home, p.xy[-1], free, model) for _, p in parts]
     fixed = model.vertical_s(style.transit_height_m, style.transit_height_m)
-    again = 2.0 * resumed / float(min(model.ground_speed(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), survey=True)))
+    again = (
+        2.0
+        * resumed
+        / float(min(model.ground_speed(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), survey=True)))
+    )
     fixed += again if len(parts) > len(lanes) else 0.0
     own = [lane_s(p, model, style) for _, p in parts]
     hop = [0.0] + [
@@ -87,8 +94,8 @@ def split(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace, model: Fligh
     if math.isinf(best[-1]):
         need = max(fixed + o + w + b for o, w, b in zip(out, own, back, strict=True))
         raise UsageError(
-            f"one battery of {style.endurance_s / 60:.0f} min does not reach all of the area and back: the farthest part "
-            f"takes {need / 60:.0f} min; move --home nearer, or raise --endurance-min or --speed"
+            f"one battery of {style.endurance_s / 60:.0f} min does not reach all of the area and back: the farthest "
+            f"part takes {need / 60:.0f} min; move --home nearer, or raise --endurance-min or --speed"
         )
     cuts, end = [], count
     while end > 0:
@@ -152,7 +159,7 @@ def fly(
 def _flight_s(points: Sequence[_Point], xy: FloatArray, on: npt.NDArray[np.bool_], model: FlightModel) -> float:
     """A vehicle stands still where it hovers for a picture; else it flies through."""
     stops = [0, *(i for i, p in enumerate(points) if p.trigger is not None and p.trigger.hover), len(points) - 1]
-    return sum(model.path_s(xy[a : b + 1], on[a:b]) for a, b in zip(stops, stops[1:], strict=False) if b > a)
+    return sum(model.path_s(xy[a : b + 1], on[a:b]) for a, b in itertools.pairwise(stops) if b > a)
 
 
 def _speeds(points: Sequence[_Point], xy: FloatArray, model: FlightModel) -> list[float | None]:
@@ -174,7 +181,9 @@ def _lane_points(lane: Lane, free: FreeSpace, style: FlightStyle) -> list[_Point
     if lane.spot:
         return [_Point(lane.xy[0], WaypointRole.SURVEY, trigger=CameraTrigger(hover=True), nose_deg=nose)]
     if style.trigger.hover:
-        return [_Point(p, WaypointRole.SURVEY, trigger=style.trigger, nose_deg=nose) for p in lane.shots(style.step_m)[0]]
+        return [
+            _Point(p, WaypointRole.SURVEY, trigger=style.trigger, nose_deg=nose) for p in lane.shots(style.step_m)[0]
+        ]
     points = [_Point(p, WaypointRole.SURVEY, trigger=style.trigger, nose_deg=nose) for p in lane.xy]
     after = style.trigger if style.trigger_in_turns else None
     points[-1] = _Point(lane.xy[-1], WaypointRole.SURVEY, trigger=after, nose_deg=nose)
@@ -217,7 +226,7 @@ def _parts(lane: Lane, longest_m: float) -> list[Lane]:
     cuts = np.linspace(0.0, line.length, count + 1)
     return [
         Lane(shapely.get_coordinates(shapely.ops.substring(line, a, b)), nose_rad=lane.nose_rad)
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True)
+        for a, b in itertools.pairwise(cuts)
     ]
 
 

@@ -104,24 +104,24 @@ def plan_survey(
     on_progress("sorties", 1, 1)
     if not sorties:
         raise UsageError(
-            "there is no place to see the area from: the margins leave no room to fly; take a smaller --avoid-margin, or "
-            "leave --inset away"
+            "there is no place to see the area from: the margins leave no room to fly; take a smaller "
+            "--avoid-margin, or leave --inset away"
         )
     if bases > 1:
         warnings.append(
-            "parts of the area cannot be reached from home without crossing a no-fly zone or leaving the polygon: they have "
-            "a take-off of their own"
+            "parts of the area cannot be reached from home without crossing a no-fly zone or leaving the polygon: "
+            "they have a take-off of their own"
         )
     share = max(0.0, 1.0 - left.area / area.target.area)
     if not left.is_empty:
-        warnings.append(
-            f"{left.area:.1f} m² cannot be seen for sure from where the vehicle may fly (see uncovered)"
-        )
+        warnings.append(f"{left.area:.1f} m² cannot be seen for sure from where the vehicle may fly (see uncovered)")
     warnings.append("flat ground is assumed: heights are above the take-off place; --dem FILE follows the terrain")
     if s.front_overlap + 0.01 < spacing.front_overlap or s.side_overlap + 0.01 < spacing.side_overlap:
         warnings.append("the tolerances ask for more overlap than was wished: pictures and lanes lie closer")
     if model.most_ground_speed_m_s < s.model.speed_m_s:
-        warnings.append(f"the speed is limited to {model.most_ground_speed_m_s:.1f} m/s by blur or the camera's interval")
+        warnings.append(
+            f"the speed is limited to {model.most_ground_speed_m_s:.1f} m/s by blur or the camera's interval"
+        )
     lat, lon = area.frame.to_lat_lon(home)[0]
     plan = SurveyPlan(
         area=geo_polygons(area.frame, area.area),
@@ -193,7 +193,9 @@ def _style(s: SurveySettings, spacing: Spacing, model: FlightModel, headings: Se
         trigger = CameraTrigger(distance_m=spacing.step_m)
     transit = s.height_m if s.transit_height_m is None else s.transit_height_m
     if transit < s.height_m:
-        raise UsageError(f"--transit-height {transit:g} m is below the survey's {s.height_m:.1f} m: the way there is not safer")
+        raise UsageError(
+            f"--transit-height {transit:g} m is below the survey's {s.height_m:.1f} m: the way there is not safer"
+        )
     return FlightStyle(
         s.height_m, transit, trigger, spacing.step_m, s.overshoot_m, s.lead_in_m, s.trigger_in_turns,
         math.degrees(headings[0]) % 360.0 if s.fixed_heading else None, s.lands, s.endurance_s,
@@ -232,8 +234,10 @@ def _all_lanes(
     turns = [0.0, math.pi / 2] if s.crosshatch else [0.0]
     crab = max(model.crab_deg(h + t) for h in headings for t in turns)
     if crab > s.most_crab_deg and s.angle_deg is not None:
-        raise UsageError(f"at {s.angle_deg:g} degrees the wind turns the nose by {crab:.0f} degrees: leave --angle away, "
-                         "fly faster, or raise --max-crab-deg")  # fmt: skip
+        raise UsageError(
+            f"at {s.angle_deg:g} degrees the wind turns the nose by {crab:.0f} degrees: leave --angle away, fly "
+            "faster, or raise --max-crab-deg"
+        )
     sure = plain if crab < 0.01 else sure_footprint(s.optics, s.height_m, s.tolerances, crab_deg=crab)
     spacing = rough if sure is plain else _spaced(s, sure)
     gap = _merge_gap(model)
@@ -259,7 +263,9 @@ def _clipped(lanes: Sequence[Lane], free: FreeSpace) -> list[Lane]:
     if free.is_open:
         return list(lanes)
     pieces = [(lane, piece) for lane in lanes for piece in free.clip(shapely.LineString(lane.xy))]
-    return [Lane(shapely.get_coordinates(piece), nose_rad=lane.nose_rad) for lane, piece in pieces if piece.length > 0.05]
+    return [
+        Lane(shapely.get_coordinates(piece), nose_rad=lane.nose_rad) for lane, piece in pieces if piece.length > 0.05
+    ]
 
 
 def _groups(target: BaseGeometry, width_m: float) -> list[BaseGeometry]:
@@ -306,9 +312,11 @@ def _best_heading(
     return min(exact)[1] if exact else rough[0][1]
 
 
-def _tour_s(lanes: list[Lane], home: FloatArray | None, free: FreeSpace, s: SurveySettings, model: FlightModel) -> float:
+def _tour_s(
+    lanes: list[Lane], home: FloatArray | None, free: FreeSpace, s: SurveySettings, model: FlightModel
+) -> float:
     """The seconds of a tour without its take-offs; blocked hops as the crow flies, which all headings share."""
-    if len(lanes) > 400:
+    if len(lanes) > (400 if free.is_open else 120):
         xy = np.concatenate([lane.xy if i % 2 == 0 else lane.xy[::-1] for i, lane in enumerate(lanes)])
         return model.path_s(xy)
     start = lanes[0].xy[0] if home is None else home
@@ -333,4 +341,3 @@ def _reachable(lanes: Sequence[Lane], home: FloatArray, free: FreeSpace) -> list
         if rest:
             base = rest[0].xy[0]
     return groups
-

@@ -85,13 +85,16 @@ def test_any_area_is_refused_in_words_or_flown_soundly(request_):
 
 
 def assert_raster_agrees(survey, chosen):
-    """The twin: each cell's centre asked against each picture by projecting it, with worst-case corners of tolerances."""
+    """The twin: each cell's centre asked against each picture by projecting it, off by the tolerances."""
     west, south, east, north = survey.area.target.bounds
     cell = max(east - west, north - south) / 60
     x, y = np.meshgrid(np.arange(west, east, cell) + cell / 2, np.arange(south, north, cell) + cell / 2)
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     spots = shapely.points(points)
-    points = points[shapely.contains(survey.area.target, spots) & (shapely.distance(survey.left, spots) != 0 if not survey.left.is_empty else True)]
+    points = points[
+        shapely.contains(survey.area.target, spots)
+        & (shapely.distance(survey.left, spots) != 0 if not survey.left.is_empty else True)
+    ]
     shots, headings = counted_shots(survey.lanes, survey.spacing)
     seen = np.zeros(len(points), bool)
     t, h = chosen.tolerances, chosen.height_m
@@ -156,7 +159,9 @@ def test_bow_ties_and_duplicates_are_repaired_and_said():
     assert area.area.area == pytest.approx(20_000, rel=1e-3)
 
 
-@pytest.mark.parametrize("xy", [[(0, 0), (100, 0), (50, 0)], [(0, 0), (0, 0), (0, 0)], [(0, 0), (9e4, 0), (9e4, 9e4), (0, 9e4)]])
+@pytest.mark.parametrize(
+    "xy", [[(0, 0), (100, 0), (50, 0)], [(0, 0), (0, 0), (0, 0)], [(0, 0), (9e4, 0), (9e4, 9e4), (0, 9e4)]]
+)
 def test_what_cannot_be_planned_is_refused(xy):
     with pytest.raises(DataError):
         survey_area([ring(LocalFrame.about(47.0, 8.0), xy)])
