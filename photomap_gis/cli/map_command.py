@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     metavar="M",
     help="How far that imagery may be off, one sigma; default: one of its pixels.",
 )
+@click.option("--dem", type=click.Path(path_type=Path), metavar="FILE",
+              help="Heights of the ground (GeoTIFF); default: found from the pictures.")  # fmt: skip
 @source_options
 @control_options
 @click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
@@ -59,6 +61,7 @@ def command(
     antenna_offset: str | None,
     references: tuple[Path, ...],
     reference_sigma: float | None,
+    dem: Path | None,
     workers: int | None,
     memory_mb: int,
     gcp: Path | None,
@@ -95,6 +98,7 @@ def command(
         antenna_offset_m=antenna_offset_m(antenna_offset),
         references=tuple(str(r.absolute()) for r in references),
         reference_sigma_m=reference_sigma,
+        dem=None if dem is None else str(dem.absolute()),
     )
     folder = add or mission
     assert folder is not None  # told apart above

@@ -25,6 +25,7 @@ class MapSettings:
     ``antenna_offset_m`` is where the GPS antenna sits from the camera: forward, right, down in the vehicle's axes.
     ``work_size_px`` is the longer side of the images that are registered. ``references`` are files of existing imagery
     that the map is laid on, ``reference_sigma_m`` their own constant error per axis (``None``: one of their pixels).
+    ``dem`` is a file of the ground's heights, of which the shape is used.
     """
 
     ingest: IngestOptions = field(default_factory=IngestOptions)
@@ -37,6 +38,7 @@ class MapSettings:
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     references: tuple[str, ...] = ()
     reference_sigma_m: float | None = None
+    dem: str | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_off_nadir_deg < 90.0:
