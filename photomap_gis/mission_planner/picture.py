@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,8 @@ from shapely.geometry.base import BaseGeometry
 
 from photomap_gis.mission_planner.proof import counted_shots, footprints
 from photomap_gis.mission_planner.survey import Survey
+
+ToPixels = Callable[[npt.ArrayLike], list[tuple[float, float]]]
 
 SIZE_PX = 1100
 _MARGIN_PX, _HEAD_PX = 40, 70
@@ -57,9 +60,8 @@ def survey_picture(survey: Survey) -> bytes:
     return out.getvalue()
 
 
-def _overlap(survey: Survey, px: object, size: tuple[int, int]) -> Image.Image:
+def _overlap(survey: Survey, px: ToPixels, size: tuple[int, int]) -> Image.Image:
     """The ground in blues by how many pictures are sure to hold it, white outside the area."""
-    assert callable(px)
     count = np.zeros((size[1], size[0]), np.int32)
     xy, heading = counted_shots(survey.lanes, survey.spacing)
     every = max(1, math.ceil(len(xy) / _MOST_PRINTS))
@@ -86,9 +88,8 @@ def _overlap(survey: Survey, px: object, size: tuple[int, int]) -> Image.Image:
 
 
 def _outline(
-    draw: ImageDraw.ImageDraw, px: object, geometry: BaseGeometry, colour: tuple[int, int, int], width: int
+    draw: ImageDraw.ImageDraw, px: ToPixels, geometry: BaseGeometry, colour: tuple[int, int, int], width: int
 ) -> None:
-    assert callable(px)
     for part in shapely.get_parts(geometry):
         for ring in (part.exterior, *part.interiors):
             draw.line(px(ring.coords), fill=colour, width=width)

@@ -92,6 +92,8 @@ def plan_survey(
         home = free.nearest(lanes[0].xy[0] if lanes else area.target.representative_point().coords[0])
         warnings.append("no --home was given: take-off is planned at the survey's beginning")
     style = _style(s, spacing, model, headings)
+    if s.transit_height_m is not None and s.transit_height_m < s.height_m:
+        warnings.append(f"--transit-height is below the survey's height: {s.height_m:.0f} m is flown on the way too")
     for number in range(_MOST_ROUNDS):
         on_progress("sorties", number, number + 1)
         bases, sorties, flown = _flights(area, lanes, home, free, model, style)
@@ -191,11 +193,7 @@ def _style(s: SurveySettings, spacing: Spacing, model: FlightModel, headings: Se
         trigger = CameraTrigger(interval_s=max(0.1, math.floor(spacing.step_m / fastest * 10.0) / 10.0))
     else:
         trigger = CameraTrigger(distance_m=spacing.step_m)
-    transit = s.height_m if s.transit_height_m is None else s.transit_height_m
-    if transit < s.height_m:
-        raise UsageError(
-            f"--transit-height {transit:g} m is below the survey's {s.height_m:.1f} m: the way there is not safer"
-        )
+    transit = max(s.height_m, s.transit_height_m or 0.0)
     return FlightStyle(
         s.height_m, transit, trigger, spacing.step_m, s.overshoot_m, s.lead_in_m, s.trigger_in_turns,
         math.degrees(headings[0]) % 360.0 if s.fixed_heading else None, s.lands, s.endurance_s,
