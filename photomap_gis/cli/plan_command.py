@@ -14,6 +14,7 @@ import click
 from photomap_gis.cli.pattern_plan import check_options, plan_by_pattern, say_pattern
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.search_options import (
+    FiniteRange,
     file_options,
     lat_lon,
     rally_points,
@@ -31,56 +32,56 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.argument("area", required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="OUT", help="The plan's file; .plan, ...")
 @click.option("--avoid", multiple=True, metavar="ZONE", help="Never fly here: file, WKT or LAT,LON;...; may repeat.")
-@click.option("--avoid-margin", type=click.FloatRange(0.1, 1000), metavar="M",
+@click.option("--avoid-margin", type=FiniteRange(0.1, 1000), metavar="M",
               help="Distance kept from no-fly zones; default: the cross-track tolerance.")
-@click.option("--corridor-width", type=click.FloatRange(0.5, 20_000), metavar="M",
+@click.option("--corridor-width", type=FiniteRange(0.5, 20_000), metavar="M",
               help="AREA is a line: survey a strip this wide about it.")
 @click.option("--inset", is_flag=True, help="Never leave the polygon; then what can be seen from inside is covered.")
 @click.option("--camera", metavar="NAME|PHOTO", help="A known camera, as FC6310 or 'Mavic 3E', or a photo it took.")
-@click.option("--fov-deg", type=click.FloatRange(1, 160), metavar="DEG", help="Horizontal field of view.")
+@click.option("--fov-deg", type=FiniteRange(1, 160), metavar="DEG", help="Horizontal field of view.")
 @click.option("--image-width", type=click.IntRange(1, 100_000), metavar="PX", help="Raster, with --fov-deg.")
 @click.option("--image-height", type=click.IntRange(1, 100_000), metavar="PX", help="Raster, with --fov-deg.")
 @click.option("--gsd", metavar="M", help="Ground sampling distance in metres a pixel: 0.02, or 2cm.")
-@click.option("--height", type=click.FloatRange(1, 10_000), metavar="M", help="Height above ground, instead of --gsd.")
+@click.option("--height", type=FiniteRange(1, 10_000), metavar="M", help="Height above ground, instead of --gsd.")
 @click.option("--target", metavar="WHAT",
               help="What must be seen (8 pixels), instead: person, card, vehicle, or metres as 0.4x0.3.")
-@click.option("--front-overlap", type=click.FloatRange(0, 97), default=80.0, show_default=True, metavar="PERCENT",
+@click.option("--front-overlap", type=FiniteRange(0, 97), default=80.0, show_default=True, metavar="PERCENT",
               help="Of successive pictures.")
-@click.option("--side-overlap", type=click.FloatRange(0, 97), default=65.0, show_default=True, metavar="PERCENT",
+@click.option("--side-overlap", type=FiniteRange(0, 97), default=65.0, show_default=True, metavar="PERCENT",
               help="Of neighbouring lanes.")
-@click.option("--angle", type=click.FloatRange(-360, 360), metavar="DEG",
+@click.option("--angle", type=FiniteRange(-360, 360), metavar="DEG",
               help="Heading of the lanes, clockwise from north; default: the fastest.")
 @click.option("--crosshatch", is_flag=True, help="A second sweep across the first.")
-@click.option("--overshoot", type=click.FloatRange(0, 1000), default=0.0, metavar="M", help="Fly on beyond lanes.")
-@click.option("--lead-in", type=click.FloatRange(0, 1000), default=0.0, metavar="M", help="Fly straight before lanes.")
+@click.option("--overshoot", type=FiniteRange(0, 1000), default=0.0, metavar="M", help="Fly on beyond lanes.")
+@click.option("--lead-in", type=FiniteRange(0, 1000), default=0.0, metavar="M", help="Fly straight before lanes.")
 @click.option("--trigger", type=click.Choice(["distance", "time", "hover"]), default="distance", show_default=True,
               help="How pictures are taken.")
 @click.option("--trigger-in-turns", is_flag=True, help="Leave the camera on between lanes.")
 @click.option("--heading", type=click.Choice(["path", "fixed"]), default="path", show_default=True,
               help="The nose along the path, or along the first lane all the time.")
-@click.option("--speed", type=click.FloatRange(0.1, 100), default=10.0, show_default=True, metavar="M/S",
+@click.option("--speed", type=FiniteRange(0.1, 100), default=10.0, show_default=True, metavar="M/S",
               help="Through the air.")
-@click.option("--accel", type=click.FloatRange(0.1, 30), default=2.5, show_default=True, metavar="M/S2",
+@click.option("--accel", type=FiniteRange(0.1, 30), default=2.5, show_default=True, metavar="M/S2",
               help="How hard the vehicle speeds up and brakes.")
-@click.option("--exposure", type=click.FloatRange(1e-6, 10), metavar="S",
+@click.option("--exposure", type=FiniteRange(1e-6, 10), metavar="S",
               help="Shutter time: the speed is limited to half a pixel of blur.")
-@click.option("--min-interval", type=click.FloatRange(0, 60), default=0.7, show_default=True, metavar="S",
+@click.option("--min-interval", type=FiniteRange(0, 60), default=0.7, show_default=True, metavar="S",
               help="The camera's shortest time between pictures.")
 @click.option("--wind", metavar="M/S,FROM_DEG", help="Speed and direction from which the wind blows.")
-@click.option("--max-crab-deg", type=click.FloatRange(0, 80), default=30.0, show_default=True, metavar="DEG",
+@click.option("--max-crab-deg", type=FiniteRange(0, 80), default=30.0, show_default=True, metavar="DEG",
               help="How far the wind may turn the nose off a lane.")
 @click.option("--home", metavar="LAT,LON", help="Take-off place; default: where the survey begins.")
-@click.option("--transit-height", type=click.FloatRange(1, 10_000), metavar="M", help="On the way there and back.")
+@click.option("--transit-height", type=FiniteRange(1, 10_000), metavar="M", help="On the way there and back.")
 @click.option("--end", type=click.Choice(["rtl", "land"]), default="rtl", show_default=True, help="How a sortie ends.")
-@click.option("--endurance-min", type=click.FloatRange(0.5, 10_000), metavar="MIN",
+@click.option("--endurance-min", type=FiniteRange(0.5, 10_000), metavar="MIN",
               help="What one battery flies from take-off to landing: several sorties if needed.")
-@click.option("--cross-track", type=click.FloatRange(0, 999), default=2.0, show_default=True, metavar="M",
+@click.option("--cross-track", type=FiniteRange(0, 999), default=2.0, show_default=True, metavar="M",
               help="Tolerance of the proof: off the lane.")
-@click.option("--heading-tolerance", type=click.FloatRange(0, 44), default=5.0, show_default=True, metavar="DEG",
+@click.option("--heading-tolerance", type=FiniteRange(0, 44), default=5.0, show_default=True, metavar="DEG",
               help="Tolerance of the proof: nose off the lane.")
-@click.option("--tilt-tolerance", type=click.FloatRange(0, 44), default=5.0, show_default=True, metavar="DEG",
+@click.option("--tilt-tolerance", type=FiniteRange(0, 44), default=5.0, show_default=True, metavar="DEG",
               help="Tolerance of the proof: camera off the plumb line.")
-@click.option("--height-tolerance", type=click.FloatRange(0, 89), default=5.0, show_default=True, metavar="PERCENT",
+@click.option("--height-tolerance", type=FiniteRange(0, 89), default=5.0, show_default=True, metavar="PERCENT",
               help="Tolerance of the proof: too low or too high.")
 @click.option("--gaps", type=click.Path(path_type=Path), metavar="MISSION",
               help="Only what this mission's map does not show of AREA (default: of its own extent).")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -18,6 +19,18 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+
+class FiniteRange(click.FloatRange):
+    """A number within bounds: ``nan`` and ``inf``, which slip through comparisons, are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
 PATTERNS = ("expanding-square", "sector", "parallel", "creeping", "trackline", "spiral", "orbit", "perimeter")
 FORMATS = ("plan", "waypoints", "kml", "kmz", "geojson", "gpx", "csv", "wpml")
 
@@ -27,15 +40,17 @@ _SEARCH = (
                  help="Search pattern (IAMSAR): expanding-square (SS), sector (VS), parallel (PS), creeping (CS), "
                       "trackline (TSR); spiral, orbit, perimeter."),
     click.option("--datum", metavar="LAT,LON", help="Where expanding-square, sector, spiral and orbit begin."),
-    click.option("--radius", type=float, metavar="M", help="How far from the datum to search; an orbit's radius."),
-    click.option("--sweep-width", type=float, metavar="M",
+    click.option("--radius", type=FiniteRange(0.1, 200_000), metavar="M",
+                 help="How far from the datum to search; an orbit's radius."),
+    click.option("--sweep-width", type=FiniteRange(0.01, 100_000), metavar="M",
                  help="Width in which as much is found as is missed outside; default: the camera's swath."),
-    click.option("--track-spacing", type=float, metavar="M", help="Between tracks; default: sweep width / C."),
-    click.option("--coverage-factor", type=float, default=1.0, show_default=True, metavar="C",
+    click.option("--track-spacing", type=FiniteRange(0.01, 100_000), metavar="M",
+                 help="Between tracks; default: sweep width / C."),
+    click.option("--coverage-factor", type=FiniteRange(0.01, 100), default=1.0, show_default=True, metavar="C",
                  help="Sweep width over track spacing."),
-    click.option("--first-leg", type=float, metavar="DEG",
+    click.option("--first-leg", type=FiniteRange(-360, 360), metavar="DEG",
                  help="Heading of the first leg, clockwise from north: down-drift. Of the legs of parallel, creeping."),
-    click.option("--passes", type=int, default=1, show_default=True,
+    click.option("--passes", type=click.IntRange(1, 100), default=1, show_default=True,
                  help="Sector: 1 or 2; orbit: circles; perimeter: rings; trackline: tracks to each side."),
 )
 _TERRAIN = (
@@ -43,12 +58,14 @@ _TERRAIN = (
                  help="Elevation model (GeoTIFF, any CRS): keep the height above the ground that is there."),
     click.option("--dem-vertical", type=click.Choice(["egm96", "egm2008", "msl", "ellipsoid"]),
                  help="What the model's heights are above, where the file does not say."),
-    click.option("--geoid-m", type=float, metavar="M",
+    click.option("--geoid-m", type=FiniteRange(-150, 150), metavar="M",
                  help="Height of the geoid above the ellipsoid, for models above the ellipsoid."),
-    click.option("--terrain-tolerance", type=float, metavar="M",
+    click.option("--terrain-tolerance", type=FiniteRange(0.01, 1000), metavar="M",
                  help="How far height above ground may be off; default: 5 % of it, at least 1 m."),
-    click.option("--climb", type=float, default=3.0, show_default=True, metavar="M/S", help="Fastest climb."),
-    click.option("--descent", type=float, default=1.5, show_default=True, metavar="M/S", help="Fastest descent."),
+    click.option("--climb", type=FiniteRange(0.05, 50), default=3.0, show_default=True, metavar="M/S",
+                 help="Fastest climb."),
+    click.option("--descent", type=FiniteRange(0.05, 50), default=1.5, show_default=True, metavar="M/S",
+                 help="Fastest descent."),
     click.option("--altitude-frame", type=click.Choice([f.value for f in AltitudeFrame]),
                  help="What altitudes are above; default: relative (the take-off place). PX4 has no terrain."),
 )
@@ -59,7 +76,7 @@ _FILES = (
     click.option("--autopilot", type=click.Choice([a.value for a in Autopilot]), default=Autopilot.ARDUPILOT.value,
                  show_default=True, help="Whose commands .plan and .waypoints hold."),
     click.option("--rally", multiple=True, metavar="LAT,LON,M", help="A rally point, metres above home; may repeat."),
-    click.option("--fence-margin", type=float, default=50.0, show_default=True, metavar="M",
+    click.option("--fence-margin", type=FiniteRange(1, 10_000), default=50.0, show_default=True, metavar="M",
                  help="Room between the flight and its fence."),
 )
 # fmt: on

@@ -236,13 +236,18 @@ def _spans(piece: BaseGeometry, spacing_m: float) -> list[tuple[float, float]]:
 
 
 def _long_side_deg(area: BaseGeometry) -> float:
-    box = shapely.minimum_rotated_rectangle(area)
-    corners = shapely.get_coordinates(box)
-    if len(corners) < 4:
-        return 0.0
-    sides = np.diff(corners[:3], axis=0)
-    x, y = sides[int(np.argmax(np.hypot(*sides.T)))]
-    return math.degrees(math.atan2(x, y)) % 180.0
+    """The heading of the longer side of the smallest rectangle about the area, which has a side on its hull."""
+    hull = shapely.get_coordinates(shapely.convex_hull(area))
+    edges = np.diff(hull, axis=0)
+    edges = edges[np.hypot(*edges.T) > 1e-9]
+    best, found = math.inf, 0.0
+    for x, y in edges:
+        heading = math.degrees(math.atan2(x, y))
+        width, length = np.ptp(_turned(hull, -heading), axis=0)
+        if width * length < best * (1 - 1e-9):
+            best = width * length
+            found = heading if length >= width else heading + 90.0
+    return found % 180.0
 
 
 def _turned(xy: FloatArray, heading_deg: float) -> FloatArray:
