@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from pyproj import Geod
 
 from photomap_gis.core.errors import UsageError
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.export.crs import PointMap, bounds_in, needs_place, parse_crs, point_map, same_crs
+from photomap_gis.export.area import Area, cut_grid
+from photomap_gis.export.crs import WGS84, PointMap, bounds_in, needs_place, parse_crs, point_map, same_crs
 from photomap_gis.export.pixel_grid import PixelGrid
 from photomap_gis.export.pixels import Rgba, sample, shrink
 
@@ -42,12 +44,37 @@ def warped(source: TileSource, grid: MapGrid) -> TileSource:
     return WarpedSource(source, grid, Resampler(source, grid))
 
 
-def target_grid(source_grid: MapGrid, crs: str, pixel_size: float | None = None) -> MapGrid:
+def target_grid(
+    source_grid: MapGrid, crs: str | None, pixel_size: float | None = None, area: Area | None = None
+) -> MapGrid:
     """Return the grid in another CRS that holds all of ``source_grid``, its corner a whole multiple of a pixel.
 
     ``pixel_size`` is in units of ``crs``; by default the finer side of a source pixel as it lies there, or the source's
-    own size where the two differ by less than a map's scale factor does (0.2 %).
+    own size where the two differ by less than a map's scale factor does (0.2 %). ``area`` keeps what it covers, in
+    pixels of the same lattice. A map without a place on Earth keeps its local frame (``crs`` ``None``).
     """
+    grid = _whole_grid(source_grid, crs, pixel_size)
+    return grid if area is None else cut_grid(grid, area.cut(grid.bounds, grid.crs_wkt))
+
+
+def ground_pixel_m(grid: MapGrid) -> float:
+    """Return the size of a pixel on the ground in metres: root of its area at the grid's centre, by the ellipsoid."""
+    middle = np.array([grid.width / 2.0, grid.height / 2.0])
+    p = grid.to_crs(middle + _CROSS)
+    wkt = needs_place(grid.crs_wkt, "a size in metres")
+    lon_lat = point_map(wkt, WGS84, around_xy=p)(p)
+    geod = Geod(ellps="WGS84")
+    sides = [geod.inv(*lon_lat[i], *lon_lat[i + 1])[2] for i in (0, 2)]
+    return math.sqrt(sides[0] * sides[1])
+
+
+def _whole_grid(source_grid: MapGrid, crs: str | None, pixel_size: float | None) -> MapGrid:
+    if crs is None:
+        crs = source_grid.crs_wkt
+    if crs is None:
+        if pixel_size is None:
+            return source_grid
+        raise UsageError("a map without a place on Earth keeps its own pixel size: leave out --crs and --gsd")
     target_wkt = parse_crs(crs).to_wkt()
     source_wkt = needs_place(source_grid.crs_wkt, f"a map in {crs}")
     if same_crs(source_wkt, target_wkt):
