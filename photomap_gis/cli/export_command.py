@@ -18,6 +18,7 @@ from photomap_gis.core.errors import UsageError
 @click.option("--tiles", is_flag=True, help="XYZ tiles with TileJSON (tiles/).")
 @click.option("--mbtiles", is_flag=True, help="MBTiles (map.mbtiles).")
 @click.option("--poses", is_flag=True, help="One row a frame (poses.csv); GeoJSON where -o ends in .geojson.")
+@click.option("--layers", is_flag=True, help="When, by how many and how well each spot was seen (layers/).")
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="OUT",
               help="The file for one format, the folder for several; default: in MISSION.")  # fmt: skip
 @click.option("--over", type=click.Path(path_type=Path), metavar="OLD.tif",

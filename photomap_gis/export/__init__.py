@@ -5,6 +5,7 @@ from photomap_gis.export.geotiff import write_geotiff
 from photomap_gis.export.graph import SolvedGraph, write_g2o, write_graph_geojson
 from photomap_gis.export.graph_picture import write_graph_picture
 from photomap_gis.export.kml import write_kmz
+from photomap_gis.export.layers import write_layers
 from photomap_gis.export.mbtiles import write_mbtiles
 from photomap_gis.export.over import Replacement, write_over
 from photomap_gis.export.poses import PoseRow, pose_rows, write_poses
@@ -25,6 +26,7 @@ __all__ = [
     "write_graph_geojson",
     "write_graph_picture",
     "write_kmz",
+    "write_layers",
     "write_mbtiles",
     "write_over",
     "write_poses",

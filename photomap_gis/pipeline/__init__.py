@@ -5,11 +5,12 @@ from photomap_gis.pipeline.deliver import Format, export_mission
 from photomap_gis.pipeline.flight import map_flight
 from photomap_gis.pipeline.graph import export_graph
 from photomap_gis.pipeline.resolve import Pick, georeference, reference_mission, solve_again
-from photomap_gis.pipeline.settings import MapSettings
+from photomap_gis.pipeline.settings import Drawing, MapSettings
 from photomap_gis.pipeline.summary import MapSummary
 
 __all__ = [
     "ControlRequest",
+    "Drawing",
     "Format",
     "MapSettings",
     "MapSummary",

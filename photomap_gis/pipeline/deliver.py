@@ -14,10 +14,12 @@ from pathlib import Path
 
 from photomap_gis import __version__
 from photomap_gis.core.errors import NotGeoreferencedError, PhotomapError, UsageError
+from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.export import pose_rows, write_geotiff, write_kmz, write_mbtiles, write_over, write_poses, write_tiles
 from photomap_gis.mosaic import TileStore
 from photomap_gis.pipeline.control import checked, residual_rms_m
 from photomap_gis.pipeline.draw import DrawnMap
+from photomap_gis.pipeline.layers import write_map_layers
 from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.publish import file_in_place_of
@@ -32,6 +34,7 @@ class Format(StrEnum):
     TILES = "tiles"
     MBTILES = "mbtiles"
     POSES = "poses"
+    LAYERS = "layers"
 
 
 DEFAULT_NAMES = {
@@ -40,6 +43,7 @@ DEFAULT_NAMES = {
     Format.TILES: "tiles",
     Format.MBTILES: "map.mbtiles",
     Format.POSES: "poses.csv",
+    Format.LAYERS: "layers",
 }
 
 SUFFIXES = {
@@ -48,13 +52,24 @@ SUFFIXES = {
     Format.TILES: ("",),
     Format.MBTILES: (".mbtiles",),
     Format.POSES: (".csv", ".geojson", ".json"),
+    Format.LAYERS: ("",),
 }
+
+FOLDERS = {Format.TILES, Format.LAYERS}
+"""Formats that are folders of files."""
 
 NEEDS_PLACE = {Format.KML, Format.TILES, Format.MBTILES}
 
 
-def deliver(mission: Mission, solved: Solved, maps: Sequence[DrawnMap], on_progress: Progress) -> list[Path]:
-    """Write what every mapping run leaves: ``map.tif``, ``map.kmz``; without GPS ``map-1.tif``, ... and ``map.tif``."""
+def deliver(
+    mission: Mission, solved: Solved, maps: Sequence[DrawnMap], on_progress: Progress, *, layers: bool = False
+) -> list[Path]:
+    """Write what every mapping run leaves: ``map.tif``, ``map.kmz``; without GPS ``map-1.tif``, ... and ``map.tif``.
+
+    With ``layers``, or where an earlier run left some, ``layers/`` too; of pieces without GPS also ``layers-2/``, ...
+    """
+    layers_folder = mission.folder / DEFAULT_NAMES[Format.LAYERS]
+    layers = layers or layers_folder.is_dir()  # layers of the map as it was would not be true any more
     main = mission.folder / DEFAULT_NAMES[Format.GEOTIFF]
     if solved.georeferenced:
         kmz = mission.folder / DEFAULT_NAMES[Format.KML]
@@ -62,12 +77,18 @@ def deliver(mission: Mission, solved: Solved, maps: Sequence[DrawnMap], on_progr
         _write(Format.GEOTIFF, request, main, on_progress)
         _write(Format.KML, request, kmz, on_progress)
         _remove_pieces(mission.folder)
-        return [main, kmz]
+        return [main, kmz, *(_write(Format.LAYERS, request, layers_folder, on_progress) if layers else ())]
     numbered = [mission.folder / f"map-{n}.tif" for n in range(1, len(maps) + 1)]
     for path, drawn in zip(numbered, maps, strict=True):
         _write(Format.GEOTIFF, _Request(mission, solved, drawn.store), path, on_progress)
     copy_as(numbered[0], main)
-    return [main, *numbered]
+    written = [main, *numbered]
+    for n, drawn in enumerate(maps if layers else (), start=1):
+        folder = layers_folder if n == 1 else layers_folder.with_name(f"{layers_folder.name}-{n}")
+        written += _write(
+            Format.LAYERS, _Request(mission, solved, drawn.store, segment=drawn.segment), folder, on_progress
+        )
+    return written
 
 
 def _remove_pieces(folder: Path) -> None:
@@ -75,7 +96,7 @@ def _remove_pieces(folder: Path) -> None:
     for path in folder.iterdir():
         if re.fullmatch(r"map-\d+\.tif", path.name) and path.is_file():
             path.unlink()
-        elif re.fullmatch(r"mosaic-\d+", path.name) and path.is_dir():
+        elif re.fullmatch(r"(mosaic|layers)-\d+", path.name) and path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
 
 
@@ -132,6 +153,14 @@ class _Request:
     crs: str | None = None
     gsd: float | None = None
     over: Path | None = None
+    segment: int | None = None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The placements of the map's frames: all, or those of the piece that it shows."""
+        if self.solved.georeferenced:
+            return self.solved.trajectory
+        return self.solved.trajectory.segment(self.solved.segment_numbers[0] if self.segment is None else self.segment)
 
 
 def _targets(folder: Path, formats: Sequence[Format], out: Path | None, over: Path | None) -> list[tuple[Format, Path]]:
@@ -140,11 +169,11 @@ def _targets(folder: Path, formats: Sequence[Format], out: Path | None, over: Pa
         names[Format.GEOTIFF] = f"{over.stem}-updated.tif"  # map.tif stays the map
     if out is None:
         return [(f, folder / names[f]) for f in formats]
-    if len(formats) > 1 or (out.is_dir() and formats[0] is not Format.TILES):
+    if len(formats) > 1 or (out.is_dir() and formats[0] not in FOLDERS):
         if len(formats) > 1 and out.is_file():
             raise UsageError(f"{out} is a file: with several formats -o names the folder for them")
         return [(f, out / names[f]) for f in formats]
-    if formats[0] is not Format.TILES and out.suffix.lower() not in SUFFIXES[formats[0]]:
+    if formats[0] not in FOLDERS and out.suffix.lower() not in SUFFIXES[formats[0]]:
         raise UsageError(f"-o {out} must end in {' or '.join(SUFFIXES[formats[0]])} for --{formats[0]}")
     return [(formats[0], out)]
 
@@ -191,12 +220,21 @@ def _poses(r: _Request, path: Path, on_progress: Callable[[int, int], None]) -> 
     return [path]
 
 
+def _layers(r: _Request, path: Path, on_progress: Callable[[int, int], None]) -> list[Path]:
+    write_map_layers(
+        r.solved, r.trajectory, r.store, path, crs=r.crs if r.solved.georeferenced else None, pixel_size=r.gsd,
+        tags=_tags(r.solved), on_progress=on_progress,
+    )  # fmt: skip
+    return [path]
+
+
 _WRITERS: dict[Format, Callable[[_Request, Path, Callable[[int, int], None]], list[Path]]] = {
     Format.GEOTIFF: _geotiff,
     Format.KML: _kml,
     Format.TILES: _tiles,
     Format.MBTILES: _mbtiles,
     Format.POSES: _poses,
+    Format.LAYERS: _layers,
 }
 
 
