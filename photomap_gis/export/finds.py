@@ -19,6 +19,7 @@ from photomap_gis.export.crs import WGS84, point_map
 
 _MAX_BYTES = 50 << 20
 _MAX_FINDS = 10_000
+_POINT = int(shapely.GeometryType.POINT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +65,11 @@ def read_finds(path: Path) -> tuple[Find, ...]:
 def _finds_of(path: Path, layer: str, known: int) -> list[Find]:
     meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer, max_features=_MAX_FINDS)
     fields = {str(name).lower(): values for name, values in zip(meta["fields"], columns, strict=True)}
-    geometries = [None if g is None else shapely.force_2d(g) for g in shapely.from_wkb(wkb)]
-    rows = [i for i, g in enumerate(geometries) if g is not None and g.geom_type == "Point" and not g.is_empty]
+    geometries = shapely.force_2d(shapely.from_wkb(wkb))
+    rows = np.flatnonzero((shapely.get_type_id(geometries) == _POINT) & ~shapely.is_empty(geometries)).tolist()
     if not rows:
         return []
-    xy = np.array([geometries[i].coords[0] for i in rows])
+    xy = shapely.get_coordinates(geometries[rows])
     lon_lat = point_map(meta["crs"] or WGS84, WGS84, around_xy=xy)(xy)
     return [
         Find(

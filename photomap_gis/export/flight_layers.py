@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from shapely.geometry import LineString, MultiPolygon, Point, Polygon
+from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from photomap_gis.core.frame import FrameRef
@@ -40,10 +40,8 @@ def flight_layers(
     map_frame: MapFrame,
     rows: Sequence[PoseRow],
     links: Iterable[Link],
-    outline: MultiPolygon,
-    outline_properties: Mapping[str, Any],
 ) -> list[VectorLayer]:
-    """Return track, cameras, footprints, registrations and outline in the map's CRS; ``rows`` are one a frame."""
+    """Return track, cameras, footprints and registrations in the map's CRS; ``rows`` are one a frame."""
     placed = {p.frame: p for p in trajectory.placements}
     camera_at = {f.index: _camera(placed[f.index], map_frame) for f in frames if f.index in placed}
     camera_at = {index: xy for index, xy in camera_at.items() if np.isfinite(xy).all()}
@@ -55,9 +53,7 @@ def flight_layers(
         tuple(_row(by_index[f.index]) for f in with_camera),
     )
     footprints = _footprints([f for f in frames if f.index in placed], placed, map_frame, by_index)
-    shown = (outline,) if not outline.is_empty else ()
-    seen = VectorLayer("outline", shown, tuple(dict(outline_properties) for _ in shown))
-    return [_track(with_camera, camera_at), cameras, footprints, _links(links, camera_at, by_index), seen]
+    return [_track(with_camera, camera_at), cameras, footprints, _links(links, camera_at, by_index)]
 
 
 def _camera(placement: FramePlacement, map_frame: MapFrame) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from pyproj.enums import WktVersion
 from photomap_gis.core.errors import OutputError
 from photomap_gis.core.grid import Window
 from photomap_gis.core.mosaic import TileSource
-from photomap_gis.export.area import Area, clipped
+from photomap_gis.export.area import Area, Bounds, clipped
 from photomap_gis.export.crs import WEB_MERCATOR, parse_crs, same_crs
 from photomap_gis.export.encode import TileChoice, TileFormat, parse_tile_choice
 from photomap_gis.export.publish import file_in_place_of
@@ -103,53 +104,47 @@ def write_geopackage(
     return count
 
 
+@dataclass(frozen=True, slots=True)
 class _Layout:
-    """A pyramid, where its tiles lie, and the matrix of every level."""
+    """A pyramid and where its tiles lie: ``matrix_bounds`` of whole tiles, ``bounds`` of what is shown.
 
-    def __init__(
-        self, pyramid: Pyramid, crs_wkt: str | None, corner: tuple[float, float], pixel: float, *, world: bool
-    ) -> None:
-        self.pyramid, self.crs_wkt, self.pixel = pyramid, crs_wkt, pixel
-        zoom = pyramid.min_zoom
-        tops = [(0, 0)] if world else [(k.x, k.y) for k in pyramid.keys(zoom)]
-        self.columns, self.rows = (1 << zoom,) * 2 if world else (max(v) + 1 for v in zip(*tops, strict=True))
-        span = (_TILE_PX << (pyramid.max_zoom - zoom)) * pixel
-        west, north = corner
-        self.matrix_bounds = (west, north - self.rows * span, west + self.columns * span, north)
-        c, r, w, h = pyramid.extent
-        self.bounds = (west + c * pixel, north - (r + h) * pixel, west + (c + w) * pixel, north - r * pixel)
+    ``columns`` and ``rows`` count the tiles of the widest level, ``pixel`` is that of the pyramid's finest.
+    """
+
+    pyramid: Pyramid
+    crs_wkt: str | None
+    pixel: float
+    columns: int
+    rows: int
+    matrix_bounds: Bounds
+    bounds: Bounds
 
 
 def _layout(source: TileSource, crs: str | None, pixel_size: float | None, area: Area | None) -> _Layout:
     target = source.grid.crs_wkt if crs is None else parse_crs(crs).to_wkt()
-    mercator = parse_crs(WEB_MERCATOR).to_wkt()
-    if target is not None and same_crs(target, mercator):
-        gsd_m = None
-        if pixel_size is not None:
-            grid = target_grid(source.grid, WEB_MERCATOR)
-            gsd_m = pixel_size / grid.pixel_size * ground_pixel_m(source.grid)
-        plan = plan_web_tiles(source, "a GeoPackage in EPSG:3857", gsd_m=gsd_m, area=area)
-        p = plan.pyramid
-        if plan.max_zoom < p.max_zoom:  # coarser than the map: the wider levels of its pyramid alone
-            step = 1 << (p.max_zoom - plan.max_zoom)
-            left, top = p.extent.col_off // step, p.extent.row_off // step
-            right, bottom = (
-                -(-(a + n) // step)
-                for a, n in ((p.extent.col_off, p.extent.width), (p.extent.row_off, p.extent.height))
-            )
-            shown = Window(left, top, right - left, bottom - top)
-        else:
-            shown = p.extent
-        layout = _Layout(p, mercator, (-_HALF_WORLD_M, _HALF_WORLD_M), 2 * _HALF_WORLD_M / (_TILE_PX << p.max_zoom),
-                         world=True)  # fmt: skip
-        size = 2 * _HALF_WORLD_M / (_TILE_PX << plan.max_zoom)
-        x, y = -_HALF_WORLD_M + shown.col_off * size, _HALF_WORLD_M - shown.row_off * size
-        layout.bounds = (x, y - shown.height * size, x + shown.width * size, y)
-        return layout
+    if target is not None and same_crs(target, parse_crs(WEB_MERCATOR).to_wkt()):
+        return _web_layout(source, pixel_size, area)
     grid = target_grid(source.grid, crs, pixel_size, area)
     levels = max(0, math.ceil(math.log2(max(grid.width, grid.height) / _TILE_PX)))
     pyramid = Pyramid(Resampler(source, grid), Window(0, 0, grid.width, grid.height), levels, 0, None, _TILE_PX)
-    return _Layout(pyramid, grid.crs_wkt, (grid.west, grid.north), grid.pixel_size, world=False)
+    span = (_TILE_PX << levels) * grid.pixel_size
+    whole = (grid.west, grid.north - span, grid.west + span, grid.north)
+    return _Layout(pyramid, grid.crs_wkt, grid.pixel_size, 1, 1, whole, grid.bounds)
+
+
+def _web_layout(source: TileSource, pixel_size: float | None, area: Area | None) -> _Layout:
+    gsd_m = None
+    if pixel_size is not None:
+        gsd_m = pixel_size / target_grid(source.grid, WEB_MERCATOR).pixel_size * ground_pixel_m(source.grid)
+    plan = plan_web_tiles(source, "a GeoPackage in EPSG:3857", gsd_m=gsd_m, area=area)
+    p, half = plan.pyramid, _HALF_WORLD_M
+    step, size = 1 << (p.max_zoom - plan.max_zoom), 2.0 * half / (_TILE_PX << plan.max_zoom)
+    c, r, w, h = p.extent
+    left, top, right, bottom = c // step, r // step, -(-(c + w) // step), -(-(r + h) // step)
+    bounds = (-half + left * size, half - bottom * size, -half + right * size, half - top * size)
+    tiles = 1 << plan.min_zoom
+    world = (-half, -half, half, half)
+    return _Layout(p, parse_crs(WEB_MERCATOR).to_wkt(), size / step, tiles, tiles, world, bounds)
 
 
 def _insert(db: sqlite3.Connection, tile: EncodedTile) -> None:
@@ -175,8 +170,10 @@ def _describe(db: sqlite3.Connection, layout: _Layout, words: MapWords, has_webp
             "INSERT INTO gpkg_tile_matrix VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
             (_TABLE, zoom, layout.columns * n, layout.rows * n, _TILE_PX, _TILE_PX, size, size),
         )
-    extensions = [(t, None, "gpkg_metadata", _METADATA_EXTENSION, "read-write")
-                  for t in ("gpkg_metadata", "gpkg_metadata_reference")]  # fmt: skip
+    extensions: list[tuple[str, str | None, str, str, str]] = [
+        (table, None, "gpkg_metadata", _METADATA_EXTENSION, "read-write")
+        for table in ("gpkg_metadata", "gpkg_metadata_reference")
+    ]
     if has_webp:
         extensions.append((_TABLE, "tile_data", "gpkg_webp", _WEBP_EXTENSION, "read-write"))
     db.executemany("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", extensions)

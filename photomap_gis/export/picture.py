@@ -1,11 +1,12 @@
 """The map as one plain picture with a world file, for programs that know no GeoTIFF: PNG with alpha, or JPEG.
 
-Beside ``map.png`` lie ``map.pgw`` (six lines: the pixel's size and turn, and the **centre** of the upper-left pixel) and
+Beside ``map.png`` lie ``map.pgw`` (six lines: the pixel's size and turn, the **centre** of the upper-left pixel) and
 ``map.prj`` (the CRS as Esri's WKT).
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import rasterio.shutil
 from pyproj import CRS
 from pyproj.enums import WktVersion
 from rasterio.enums import ColorInterp
-from rasterio.errors import RasterioError
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window as RasterWindow
 
 from photomap_gis.core.errors import DataError, OutputError, UsageError
@@ -127,7 +128,11 @@ def _options(opaque: bool, quality: int | None, words: MapWords) -> dict[str, st
 
 def _check(temporary: Path, path: Path, grid: MapGrid) -> None:
     try:
-        with rasterio.open(temporary) as dataset:
+        # its place lies in the files beside it, which are not there yet
+        with (
+            warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning),
+            rasterio.open(temporary) as dataset,
+        ):
             size = (dataset.width, dataset.height)
             dataset.read(1, window=RasterWindow(grid.width - 1, grid.height - 1, 1, 1))
     except RasterioError as error:

@@ -139,7 +139,8 @@ def _assemble(
     west, south, east, north = plan.bounds_deg
     out.write(
         b"PMTiles\x03"
-        + struct.pack("<8Q", _HEADER_BYTES, len(root), at_metadata, len(metadata), at_leaves, len(leaves), at_tiles, end)
+        + struct.pack("<4Q", _HEADER_BYTES, len(root), at_metadata, len(metadata))
+        + struct.pack("<4Q", at_leaves, len(leaves), at_tiles, end)
         + struct.pack("<3Q", len(spooled), len(entries), len(order))
         + struct.pack("<6B", 1, _GZIP, _PLAIN, tile_type, plan.min_zoom, plan.max_zoom)
         + struct.pack("<4i", *(round(v * 1e7) for v in (west, south, east, north)))

@@ -50,6 +50,15 @@ class VectorLayer:
         if len(self.geometries) != len(self.rows):
             raise ValueError(f"layer {self.name}: {len(self.geometries)} geometries, {len(self.rows)} rows")
 
+    def moved(self, from_crs: str | None, to_crs: str | None) -> VectorLayer:
+        """Return the layer in another CRS."""
+        if not self.geometries or same_crs(from_crs, to_crs):
+            return self
+        here, there = needs_place(from_crs, "vectors in another CRS"), needs_place(to_crs, "vectors in another CRS")
+        west, south, east, north = shapely.total_bounds(np.array(self.geometries, dtype=object))
+        to = point_map(here, there, around_xy=[[west, south], [east, north]])
+        return VectorLayer(self.name, tuple(shapely.transform(g, to) for g in self.geometries), self.rows)
+
 
 def write_vectors(
     layers: Sequence[VectorLayer],
@@ -75,7 +84,7 @@ def write_vectors(
         raise OutputError(f"{path} was not written: there is nothing to show, no frame has a place")
     if suffix != ".gpkg":
         here = needs_place(crs_wkt, "GeoJSON" if suffix != ".kml" else "KML")
-        moved = [_moved(layer, here, WGS84) for layer in layers]
+        moved = [layer.moved(here, WGS84) for layer in layers]
         text = _kml(moved, words) if suffix == ".kml" else _geojson(moved, words)
         with file_in_place_of(path, lambda p: _check_text(p, path)) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -83,7 +92,7 @@ def write_vectors(
         target = crs_wkt
         if crs is not None:
             target = parse_crs(crs).to_wkt()
-            layers = [_moved(layer, needs_place(crs_wkt, f"vectors in {crs}"), target) for layer in layers]
+            layers = [layer.moved(needs_place(crs_wkt, f"vectors in {crs}"), target) for layer in layers]
         with file_in_place_of(path, lambda p: _check_gpkg(p, path, layers)) as temporary:
             _write_gpkg(layers, temporary, path, target, words)
     return sum(len(layer.geometries) for layer in layers)
@@ -92,14 +101,6 @@ def write_vectors(
 def _touching(layer: VectorLayer, area: BaseGeometry) -> VectorLayer:
     kept = [i for i, g in enumerate(layer.geometries) if g.intersects(area)]
     return VectorLayer(layer.name, tuple(layer.geometries[i] for i in kept), tuple(layer.rows[i] for i in kept))
-
-
-def _moved(layer: VectorLayer, from_crs: str, to_crs: str) -> VectorLayer:
-    if same_crs(from_crs, to_crs):
-        return layer
-    west, south, east, north = shapely.total_bounds(np.array(layer.geometries, dtype=object))
-    to = point_map(from_crs, to_crs, around_xy=[[west, south], [east, north]])
-    return VectorLayer(layer.name, tuple(shapely.transform(g, to) for g in layer.geometries), layer.rows)
 
 
 def _write_gpkg(
@@ -206,11 +207,9 @@ def _kml_geometry(g: BaseGeometry) -> str:
     if g.geom_type == "LineString":
         return f"<LineString><tessellate>1</tessellate>{line(g.coords)}</LineString>"
     if g.geom_type == "Polygon":
-        holes = "".join(
-            f"<innerBoundaryIs><LinearRing>{line(h.coords)}</LinearRing></innerBoundaryIs>" for h in g.interiors
-        )
-        outer = f"<outerBoundaryIs><LinearRing>{line(g.exterior.coords)}</LinearRing></outerBoundaryIs>"
-        return f"<Polygon><tessellate>1</tessellate>{outer}{holes}</Polygon>"
+        rings = [("outer", g.exterior), *(("inner", h) for h in g.interiors)]
+        borders = "".join(f"<{n}BoundaryIs><LinearRing>{line(r.coords)}</LinearRing></{n}BoundaryIs>" for n, r in rings)
+        return f"<Polygon><tessellate>1</tessellate>{borders}</Polygon>"
     return f"<MultiGeometry>{''.join(_kml_geometry(part) for part in g.geoms)}</MultiGeometry>"
 
 
