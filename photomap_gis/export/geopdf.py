@@ -1,15 +1,21 @@
 """The map as a GeoPDF page (ISO 32000 geospatial dictionary): phones with Avenza Maps, Acrobat, and paper.
 
-One page, one picture, a line with date, accuracy and attribution below. A page is for reading: a larger map is shrunk.
+One page, one picture, and below it a strip with date, accuracy and attribution. A page is for reading: a larger map is
+shrunk.
 """
 
 from __future__ import annotations
 
+import math
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import rasterio
 import rasterio.shutil
+from PIL import Image, ImageDraw, ImageFont
 
 from photomap_gis.core.errors import OutputError, UsageError
 from photomap_gis.core.grid import MapGrid
@@ -25,7 +31,7 @@ from photomap_gis.export.words import MapWords
 MAX_SIDE_PX = 10_000
 """What phones can still show."""
 _LONG_SIDE_POINTS = 1191.0  # A2: 594 mm
-_FOOT_PX, _FONT_PX = 3.2, 1.6  # of a hundred of the picture's width
+_FONT_SHARE = 0.018  # of the picture's width
 _QUALITY = 85
 _NO_WORDS = MapWords()
 
@@ -54,33 +60,27 @@ def write_geopdf(
     with file_in_place_of(path, lambda p: _check(p, path)) as temporary, bounded_cache():
         draft = temporary.with_name("draft.tif")
         # on white: what was not seen is paper, and readers on phones are slow with soft masks
-        write_draft(source, draft, opaque=True, on_progress=on_progress)
+        foot = _stamp(grid.width, words)
+        write_draft(source, draft, opaque=True, tags=_tags(words), foot=foot, on_progress=on_progress)
+        # A point is 1/72 inch: this many pixels an inch bring the longer side to A2's, smaller maps to less.
+        dpi = max(72, round(max(grid.width, grid.height) / _LONG_SIDE_POINTS * 72.0))
+        how = {
+            "GEO_ENCODING": "ISO32000",
+            "COMPRESS": "JPEG",
+            "JPEG_QUALITY": str(quality or _QUALITY),
+            "DPI": str(dpi),
+        }
         with rasterio.Env(GDAL_PAM_ENABLED=False):
-            rasterio.shutil.copy(str(draft), str(temporary), driver="PDF", **_options(grid, quality, words))
+            rasterio.shutil.copy(str(draft), str(temporary), driver="PDF", **how)
         draft.unlink()
     if on_progress is not None:
         on_progress(1, 1)
     return grid
 
 
-def _options(grid: MapGrid, quality: int | None, words: MapWords) -> dict[str, str]:
-    # A point is 1/72 inch: this many pixels an inch bring the longer side to A2's, smaller maps to fewer.
-    dpi = max(72, round(max(grid.width, grid.height) / _LONG_SIDE_POINTS * 72.0))
-    points = 72.0 / dpi  # margins and text are in points
-    foot, font = max(14.0, grid.width * points * _FOOT_PX / 100), max(6.0, grid.width * points * _FONT_PX / 100)
-    line = "  |  ".join([words.title, *words.paragraph.splitlines()])
-    fits = max(20, int(grid.width * points / (font * 0.5)))
-    stamp = line if len(line) <= fits else f"{line[: fits - 3]}..."
-    options = {
-        "GEO_ENCODING": "ISO32000",
-        "COMPRESS": "JPEG",
-        "JPEG_QUALITY": str(quality or _QUALITY),
-        "DPI": str(dpi),
-        "MARGIN": "0",
-        "BOTTOM_MARGIN": f"{round(foot)}",
-        "EXTRA_STREAM": f"BT 0 0 0 rg /FTimesRoman {font:.1f} Tf 4 {foot / 3:.1f} Td ({_pdf(stamp)}) Tj ET",
-        "LAYER_NAME": "map",
-        "EXTRA_LAYER_NAME": "stamp",
+def _tags(words: MapWords) -> dict[str, str]:
+    """Return what GDAL writes into the document's information."""
+    tags = {
         "TITLE": words.title,
         "SUBJECT": words.paragraph,
         "AUTHOR": words.attribution,
@@ -89,14 +89,22 @@ def _options(grid: MapGrid, quality: int | None, words: MapWords) -> dict[str, s
         "KEYWORDS": words.provenance_json,
     }
     if words.last_utc:
-        options["CREATION_DATE"] = "D:" + "".join(c for c in words.last_utc[:19] if c.isdigit()) + "Z"
-    return {k: v for k, v in options.items() if v}
+        tags["CREATION_DATE"] = "D:" + "".join(c for c in words.last_utc[:19] if c.isdigit()) + "Z"
+    return {k: v for k, v in tags.items() if v}
 
 
-def _pdf(text: str) -> str:
-    """Return text for a PDF string in a base font: Latin-1 only, with brackets escaped."""
-    plain = text.encode("ascii", "replace").decode()
-    return plain.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
+def _stamp(width_px: int, words: MapWords) -> npt.NDArray[np.uint8]:
+    """``(h, width, 3)`` a white strip with title, date, accuracy and attribution in one line."""
+    text = "   |   ".join([words.title, *words.paragraph.splitlines()])
+    # Pillow's own font knows no accents: letters without them are better than boxes
+    text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    size = max(8.0, width_px * _FONT_SHARE)
+    length = ImageFont.load_default(size).getlength(text)
+    size = max(6.0, min(size, size * 0.97 * width_px / max(length, 1.0)))
+    font = ImageFont.load_default(size)
+    strip = Image.new("RGB", (width_px, math.ceil(2.0 * size)), "white")
+    ImageDraw.Draw(strip).text((size / 2.0, size), text, fill="black", font=font, anchor="lm")
+    return np.asarray(strip, dtype=np.uint8)
 
 
 def _check(temporary: Path, path: Path) -> None:

@@ -6,8 +6,10 @@ Beside ``map.png`` lie ``map.pgw`` (six lines: the pixel's size and turn, the **
 
 from __future__ import annotations
 
+import shutil
+import struct
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ from photomap_gis.publish import write_file
 WORLD_SUFFIXES = {".png": ".pgw", ".jpg": ".jgw", ".jpeg": ".jgw"}
 _JPEG_LIMIT_PX = 65_500
 _QUALITY = 90
+_PNG = {"driver": "PNG", "ZLEVEL": "3", "WRITE_METADATA_AS_TEXT": "YES"}
 _NO_WORDS = MapWords()
 
 OnProgress = Callable[[int, int], None]
@@ -67,10 +70,13 @@ def write_picture(
         )
     with file_in_place_of(path, lambda p: _check(p, path, grid)) as temporary, bounded_cache():
         draft = temporary.with_name("draft.tif")
-        write_draft(source, draft, opaque=opaque, on_progress=on_progress)
+        write_draft(source, draft, opaque=opaque, tags=_tags(words), on_progress=on_progress)
+        how = {"driver": "JPEG", "QUALITY": str(quality or _QUALITY)} if opaque else _PNG
         with rasterio.Env(GDAL_PAM_ENABLED=False):
-            rasterio.shutil.copy(str(draft), str(temporary), **_options(opaque, quality, words))
+            rasterio.shutil.copy(str(draft), str(temporary), **how)
         draft.unlink()
+        if opaque:
+            _add_comment(temporary, words)
     world = path.with_suffix(WORLD_SUFFIXES[suffix])
     p = grid.pixel_size
     numbers = (p, 0.0, 0.0, -p, grid.west + p / 2.0, grid.north - p / 2.0)
@@ -85,11 +91,24 @@ def write_picture(
     return files
 
 
-def write_draft(source: TileSource, draft: Path, *, opaque: bool, on_progress: OnProgress | None = None) -> None:
-    """Write the map as an uncompressed GeoTIFF for GDAL to copy; ``opaque`` on white, without alpha."""
+def write_draft(
+    source: TileSource,
+    draft: Path,
+    *,
+    opaque: bool,
+    tags: Mapping[str, str] | None = None,
+    foot: npt.NDArray[np.uint8] | None = None,
+    on_progress: OnProgress | None = None,
+) -> None:
+    """Write the map as an uncompressed GeoTIFF for GDAL to copy; ``opaque`` on white, without alpha.
+
+    ``foot``, ``(h, width, 3)``, is a strip below the map. ``tags`` are for drivers that read their words from the
+    copied dataset: as options of rasterio's copy they would come out in capitals.
+    """
     grid = source.grid
+    below = 0 if foot is None else foot.shape[0]
     profile: dict[str, Any] = {
-        "width": grid.width, "height": grid.height, "count": 3 if opaque else 4, "dtype": "uint8",
+        "width": grid.width, "height": grid.height + below, "count": 3 if opaque else 4, "dtype": "uint8",
         "transform": rasterio.Affine(*grid.transform), "photometric": "RGB",
     }  # fmt: skip
     if grid.crs_wkt is not None:
@@ -98,6 +117,9 @@ def write_draft(source: TileSource, draft: Path, *, opaque: bool, on_progress: O
         profile["alpha"] = "UNSPECIFIED"
     windows = list(strips(grid.width, grid.height))
     with draft_dataset(draft, profile) as out:
+        out.update_tags(**(tags or {}))
+        if foot is not None:
+            out.write(foot.transpose(2, 0, 1), window=RasterWindow(0, grid.height, grid.width, below))
         if not opaque:
             out.colorinterp = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
         for done, window in enumerate(windows, start=1):
@@ -114,16 +136,25 @@ def _on_white(rgba: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return np.ascontiguousarray(white.astype(np.uint8).transpose(2, 0, 1))
 
 
-def _options(opaque: bool, quality: int | None, words: MapWords) -> dict[str, str]:
-    text = "\n".join(t for t in (words.paragraph, words.provenance_json) if t)
-    if opaque:
-        comment = f"{words.title}\n{text}".encode("ascii", "replace").decode()[:60_000]  # a comment's length is 16 bits
-        return {"driver": "JPEG", "QUALITY": str(quality or _QUALITY), "COMMENT": comment}
+def _tags(words: MapWords) -> dict[str, str]:
+    """Return the keywords of PNG's text chunks."""
     tags = {
-        "TITLE": words.title, "DESCRIPTION": words.paragraph, "COPYRIGHT": words.attribution,
-        "SOFTWARE": words.software, "CREATION_TIME": words.last_utc or "", "COMMENT": words.provenance_json,
+        "Title": words.title, "Description": words.paragraph, "Copyright": words.attribution,
+        "Software": words.software, "Creation Time": words.last_utc or "", "Comment": words.provenance_json,
     }  # fmt: skip
-    return {"driver": "PNG", "ZLEVEL": "3", **{k: v for k, v in tags.items() if v}}
+    return {k: v for k, v in tags.items() if v}
+
+
+def _add_comment(jpeg: Path, words: MapWords) -> None:
+    """Put the words into the JPEG's comment, right after its first marker."""
+    text = "\n".join(t for t in (words.title, words.paragraph, words.provenance_json) if t)
+    comment = text.encode()[:65_000]  # a segment's length is 16 bits
+    bare = jpeg.with_name("bare.jpg")
+    jpeg.rename(bare)
+    with bare.open("rb") as source, jpeg.open("wb") as out:
+        out.write(source.read(2) + b"\xff\xfe" + struct.pack(">H", len(comment) + 2) + comment)
+        shutil.copyfileobj(source, out)
+    bare.unlink()
 
 
 def _check(temporary: Path, path: Path, grid: MapGrid) -> None:

@@ -29,7 +29,7 @@ class MapWords:
     def paragraph(self) -> str:
         """Description, date and attribution as lines of text, for formats that have one field only."""
         lines = [self.description]
-        if self.last_utc:
+        if self.last_utc and self.last_utc not in self.description:
             lines.append(f"Imagery of {self.last_utc}")
         if self.attribution:
             lines.append(self.attribution)
