@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import rasterio
 import rasterio.shutil
-from rasterio.enums import ColorInterp
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import RasterioError
 from rasterio.windows import Window as RasterWindow
 from rio_cogeo.cogeo import cog_validate
 
@@ -23,12 +18,9 @@ from photomap_gis.core.errors import OutputError
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
-from photomap_gis.export.pixels import Rgba
+from photomap_gis.export.cog import LEVEL, Packing, pack_cog
 from photomap_gis.export.publish import file_in_place_of
-from photomap_gis.export.pyramid import Pyramid, Tile
-from photomap_gis.export.tiff_file import MASK, REDUCED, Directory, read_directories, write_cog
 from photomap_gis.export.warp import target_grid, warped
-from photomap_gis.parallel import usable_cpus
 
 COMPRESSIONS = ("DEFLATE", "ZSTD", "LZW", "WEBP", "JPEG", "NONE")
 NOT_GEOREFERENCED = "NOT GEOREFERENCED: local units (not metres), no place on Earth; north is arbitrary"
@@ -38,10 +30,10 @@ LOCAL_CRS_WKT = (
     'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
 )
 
+
 SIDE_SUFFIXES = (".aux.xml", ".ovr", ".msk")  # where GDAL and QGIS keep statistics, overviews and masks of a file
 
 _BLOCK_PX = 512
-LEVEL = 3  # of DEFLATE and ZSTD; measured on photos: half the time of level 6 for 7 % more bytes
 _CACHE_BYTES = 96 << 20
 _STRIP_PX = 2048  # the map is copied in windows of this width and one block's height
 
@@ -78,98 +70,19 @@ def write_geotiff(
         file_in_place_of(path, lambda p: check_cog(p, path), side_suffixes=SIDE_SUFFIXES) as temporary,
         bounded_cache(),
     ):
-        pyramid = _pyramid(source)
-        names = [temporary.with_name(f"level-{k}.tif") for k in range(pyramid.max_zoom + 1)]
-        options = _packing(compression.upper(), quality)
-        with contextlib.ExitStack() as stack:
-            levels = [
-                stack.enter_context(_level(name, grid, k, options, tags if k == 0 else {}))
-                for k, name in enumerate(names)
-            ]
-            for tile in pyramid.made(_itself, on_progress):
-                _write_tile(levels[pyramid.max_zoom - tile.key.zoom], tile, masked="photometric" in options)
-        directories = [d for k, name in enumerate(names) for d in _as_overview(read_directories(name), k)]
-        write_cog(directories, temporary)
-        for name in names:
-            name.unlink()
+        packing = Packing(compression.upper(), quality)
+        pack_cog(
+            source, temporary, packing=packing, crs_wkt=grid.crs_wkt or LOCAL_CRS_WKT, tags=tags,
+            on_progress=on_progress,
+        )  # fmt: skip
+            source,
+            temporary,
+            packing=Packing(compression.upper(), quality),
+            crs_wkt=grid.crs_wkt or LOCAL_CRS_WKT,
+            tags=tags,
+            on_progress=on_progress,
+        )
     return grid
-
-
-def _pyramid(source: TileSource) -> Pyramid:
-    """Return the map's own pixels and the overviews above them, down to one that fits into a block."""
-    g = source.grid
-    levels = max(0, math.ceil(math.log2(max(g.width, g.height) / _BLOCK_PX)))
-    return Pyramid(source, Window(0, 0, g.width, g.height), levels, 0, None, _BLOCK_PX)
-
-
-def _itself(tile: Tile) -> Tile:
-    return tile
-
-
-@contextlib.contextmanager
-def _level(path: Path, grid: MapGrid, level: int, options: Mapping[str, Any], tags: Mapping[str, str]) -> Iterator[Any]:
-    """Yield one level of the pyramid, open for writing, as a GeoTIFF of its own; only the finest has a place."""
-    profile: dict[str, Any] = {
-        "driver": "GTiff", "tiled": True, "blockxsize": _BLOCK_PX, "blockysize": _BLOCK_PX, "interleave": "pixel",
-        "BIGTIFF": "YES", "ENDIANNESS": "LITTLE", "SPARSE_OK": True, "dtype": "uint8",
-        "width": -(-grid.width // (1 << level)), "height": -(-grid.height // (1 << level)),
-        "NUM_THREADS": str(usable_cpus()), **options,
-    }  # fmt: skip
-    if level == 0:
-        profile |= {"crs": grid.crs_wkt or LOCAL_CRS_WKT, "transform": rasterio.Affine(*grid.transform)}
-    with (
-        warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning),
-        rasterio.open(path, "w", **profile) as out,
-    ):
-        if profile["count"] == 4:
-            out.colorinterp = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
-        out.update_tags(**tags)
-        yield out
-
-
-def _packing(compression: str, quality: int | None) -> dict[str, Any]:
-    """Return GDAL's options of a compression; JPEG knows no alpha and has a mask instead."""
-    if compression == "JPEG":
-        return {"count": 3, "compress": "JPEG", "photometric": "YCBCR", "JPEG_QUALITY": str(quality or 88)}
-    options: dict[str, Any] = {"count": 4, "compress": compression, "alpha": "UNSPECIFIED"}
-    if compression in ("DEFLATE", "ZSTD", "LZW"):
-        options["PREDICTOR"] = "2"
-    if compression == "DEFLATE":
-        options["ZLEVEL"] = str(LEVEL)
-    if compression == "ZSTD":
-        options["ZSTD_LEVEL"] = str(LEVEL)
-    if compression == "WEBP":
-        options["WEBP_LEVEL"] = str(quality or 88)
-    return options
-
-
-def _write_tile(level: Any, tile: Tile, *, masked: bool) -> None:
-    """Write a tile's part of its level; what is never written stays sparse and reads as transparent."""
-    x, y = tile.key.x * _BLOCK_PX, tile.key.y * _BLOCK_PX
-    width, height = min(_BLOCK_PX, level.width - x), min(_BLOCK_PX, level.height - y)
-    planes = planes_of(tile.rgba[:height, :width])
-    window = RasterWindow(x, y, width, height)
-    if masked:
-        level.write(planes[:3], window=window)
-        level.write_mask(np.where(planes[3] >= 128, np.uint8(255), np.uint8(0)), window=window)
-    else:
-        level.write(planes, window=window)
-
-
-def _as_overview(pictures: Sequence[Directory], level: int) -> list[Directory]:
-    """Return a level's picture, and its mask, as what they are in the whole file."""
-    reduced = REDUCED if level else 0
-    kinds = [reduced, reduced | MASK]
-    return [d.as_kind(kind) for d, kind in zip(pictures, kinds, strict=False)]
-
-
-def planes_of(rgba: Rgba) -> npt.NDArray[np.uint8]:
-    """``(4, H, W)``; black where nothing was seen, for programs that do not look at alpha."""
-    planes = np.ascontiguousarray(rgba.transpose(2, 0, 1))
-    hidden = planes[3] == 0
-    if hidden.any():
-        planes[:3, hidden] = 0
-    return planes
 
 
 @contextlib.contextmanager
