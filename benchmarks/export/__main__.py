@@ -1,7 +1,7 @@
 """Time exports against GDAL's own tools: ``python -m benchmarks.export [--side PX] [--rounds N] [--json FILE]``.
 
-Both sides start from the same GeoTIFF and do the same: tiles of the same zooms, format and resampling; a COG of the same
-compression and blocks. Times are the best of some rounds that take turns, and count only as ratios. The exit code is 1
+Both sides start from the same GeoTIFF and do the same: tiles of the same zooms, format and resampling; a COG of the
+same compression and blocks. Times are the best of some rounds that take turns, and count only as ratios. The exit code is 1
 where a bar is missed.
 """
 

@@ -75,13 +75,6 @@ def write_geotiff(
             source, temporary, packing=packing, crs_wkt=grid.crs_wkt or LOCAL_CRS_WKT, tags=tags,
             on_progress=on_progress,
         )  # fmt: skip
-            source,
-            temporary,
-            packing=Packing(compression.upper(), quality),
-            crs_wkt=grid.crs_wkt or LOCAL_CRS_WKT,
-            tags=tags,
-            on_progress=on_progress,
-        )
     return grid
 
 
