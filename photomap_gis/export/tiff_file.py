@@ -20,12 +20,12 @@ _CODES = {3: "H", 4: "I", 16: "Q"}
 _SUBFILE, _OFFSETS, _COUNTS = 254, 324, 325
 REDUCED, MASK = 1, 4
 _CLASSIC_LIMIT = 4_000_000_000
-_LAYOUT = "LAYOUT=IFDS_BEFORE_DATA\n"
 # The last space leaves room for a YES, by which a program says that it has edited the file without regard to the order.
-_BLOCKS = (
-    "BLOCK_ORDER=ROW_MAJOR\nBLOCK_LEADER=SIZE_AS_UINT4\nBLOCK_TRAILER=LAST_4_BYTES_REPEATED\n"
-    "KNOWN_INCOMPATIBLE_EDITION=NO\n "
+_LAYOUT = (
+    "LAYOUT=IFDS_BEFORE_DATA\nBLOCK_ORDER=ROW_MAJOR\nBLOCK_LEADER=SIZE_AS_UINT4\n"
+    "BLOCK_TRAILER=LAST_4_BYTES_REPEATED\nKNOWN_INCOMPATIBLE_EDITION=NO\n "
 )
+_AROUND = 8  # bytes of a block's leader and trailer
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +73,8 @@ def read_directories(path: Path) -> list[Directory]:
 
 def write_cog(directories: Sequence[Directory], path: Path) -> None:
     """Write one file of pictures given in the order of their directories, the full resolution first."""
-    has_mask = any(_is_mask(d) for d in directories)
-    ghost_text = _LAYOUT + ("" if has_mask else _BLOCKS)
-    ghost = f"GDAL_STRUCTURAL_METADATA_SIZE={len(ghost_text):06d} bytes\n{ghost_text}".encode()
-    margin = 0 if has_mask else 8  # what goes around each block
-    blocks = sum(sum(d.counts) + margin * len(d.counts) for d in directories)
+    ghost = f"GDAL_STRUCTURAL_METADATA_SIZE={len(_LAYOUT):06d} bytes\n{_LAYOUT}".encode()
+    blocks = sum(sum(d.counts) + _AROUND * len(d.counts) for d in directories)
     tags = sum(sum(len(f.data) + 24 for f in d.fields.values()) + 16 * len(d.offsets) + 64 for d in directories)
     big = blocks + tags > _CLASSIC_LIMIT
     start = (16 if big else 8) + len(ghost)
@@ -90,8 +87,8 @@ def write_cog(directories: Sequence[Directory], path: Path) -> None:
     for i in order:
         offsets[i] = []
         for count in directories[i].counts:
-            offsets[i].append(end + margin // 2 if count else 0)
-            end += count + margin if count else 0
+            offsets[i].append(end + _AROUND // 2 if count else 0)
+            end += count + _AROUND if count else 0
     with path.open("wb") as out:
         out.write(
             b"II\x2b\x00\x08\x00\x00\x00" + struct.pack("<Q", start)
@@ -104,7 +101,7 @@ def write_cog(directories: Sequence[Directory], path: Path) -> None:
             after = places[i + 1] if i + 1 < len(directories) else 0
             out.write(_packed(d, offsets[i], places[i], after, big))
         for i in order:
-            _copy_blocks(directories[i], out, leader=margin > 0)
+            _copy_blocks(directories[i], out)
 
 
 def _field(file: IO[bytes], table: bytes, at: int) -> tuple[int, Field]:
@@ -122,11 +119,6 @@ def _field(file: IO[bytes], table: bytes, at: int) -> tuple[int, Field]:
 
 def _numbers(field: Field) -> tuple[int, ...]:
     return struct.unpack(f"<{field.count}{_CODES[field.kind]}", field.data)
-
-
-def _is_mask(directory: Directory) -> bool:
-    field = directory.fields.get(_SUBFILE)
-    return field is not None and bool(_numbers(field)[0] & MASK)
 
 
 def _all_fields(directory: Directory, offsets: Sequence[int], big: bool) -> list[tuple[int, Field]]:
@@ -161,7 +153,7 @@ def _packed(directory: Directory, offsets: Sequence[int], place: int, after: int
     return bytes(entries + bytes(-len(entries) % 8) + outside)
 
 
-def _copy_blocks(directory: Directory, out: IO[bytes], *, leader: bool) -> None:
+def _copy_blocks(directory: Directory, out: IO[bytes]) -> None:
     with directory.path.open("rb") as file:
         for offset, count in zip(directory.offsets, directory.counts, strict=True):
             if not count:
@@ -170,4 +162,4 @@ def _copy_blocks(directory: Directory, out: IO[bytes], *, leader: bool) -> None:
             data = file.read(count)
             if len(data) != count:
                 raise OutputError(f"{directory.path.name} is cut short; check the disk")
-            out.write(struct.pack("<I", count) + data + data[-4:].rjust(4, b"\0") if leader else data)
+            out.write(struct.pack("<I", count) + data + data[-4:].rjust(4, b"\0"))
