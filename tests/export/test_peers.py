@@ -131,7 +131,7 @@ def test_gdals_own_cog_validator(outputs, name):
 
 @pytest.mark.parametrize(
     "name",
-    ["map.kmz", "plain.kml", "map.mbtiles", "map.gpkg", "mercator.gpkg", "picture.png", "tms/tilemapresource.xml"],
+    ["map.kmz", "plain.kml", "map.mbtiles", "map.gpkg", "mercator.gpkg", "picture.png"],
 )
 def test_gdal_reads_the_pyramids(outputs, name, scene, tmp_path):
     from PIL import Image
