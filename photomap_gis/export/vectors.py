@@ -171,7 +171,7 @@ def _rounded(geometry: BaseGeometry) -> BaseGeometry:
 def _kml(layers: Sequence[VectorLayer], words: MapWords) -> str:
     styles = "".join(
         f'<Style id="{name}"><LineStyle><color>{colour}</color><width>2</width></LineStyle>'
-        f"<PolyStyle><color>{'20' + colour[2:]}</color></PolyStyle>"
+        f"<PolyStyle><fill>0</fill></PolyStyle>"  # many footprints, each a little tinted, would hide the map
         f"<IconStyle><color>{colour}</color><scale>0.6</scale></IconStyle></Style>\n"
         for name, colour in _COLOURS.items()
     )
