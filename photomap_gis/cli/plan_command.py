@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from photomap_gis.cli.pattern_plan import check_options, plan_by_pattern, say_pattern
+from photomap_gis.cli.places import TakesCoordinates
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.search_options import (
     FiniteRange,
@@ -28,7 +29,9 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 
 
 # fmt: off
-@click.command(name="plan", short_help="Plan a coverage flight over an area, with proof of what it sees.")
+@click.command(
+    name="plan", cls=TakesCoordinates, short_help="Plan a coverage flight over an area, with proof of what it sees."
+)
 @click.argument("area", required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="OUT", help="The plan's file; .plan, ...")
 @click.option("--avoid", multiple=True, metavar="ZONE", help="Never fly here: file, WKT or LAT,LON;...; may repeat.")

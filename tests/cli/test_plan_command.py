@@ -69,3 +69,11 @@ def test_the_gaps_of_a_mission_are_planned(tmp_path, capsys):
     assert finer["covered_share"] > 0.999
     assert main([*every, "--height", "80", "--coarser-than", "2m", "--older-than", "2099-01-01"]) == 0
     assert json.loads(capsys.readouterr().out)["area_m2"] > 1000
+
+
+def test_southern_and_western_places_are_no_options(tmp_path, capsys):
+    area = "-35.3632,-70.1652;-35.3632,-70.1600;-35.3660,-70.1600"
+    out = tmp_path / "south.plan"
+    assert main(["plan", area, "--camera", "FC6310", "--gsd", "3cm", "--home", "-35.363,-70.166", "-o", str(out)]) == 0
+    assert out.is_file()
+    assert main(["plan", area, "-3", "-o", str(out)]) == 2
