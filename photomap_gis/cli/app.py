@@ -20,6 +20,7 @@ COMMANDS = {
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, MBTiles, poses.",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "reference": "Lay a mission's map on existing imagery.",
+    "compare": "Say what has changed between old imagery and a new map.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",
     "demo": "Simulate a flight, map it and compare with the truth.",
