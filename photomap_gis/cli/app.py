@@ -17,7 +17,7 @@ COMMANDS = {
     "map": "Make a georeferenced photo map from photos or a video.",
     "solve": "Solve a mission again, with ground control or without.",
     "georeference": "Give a map its place by picked points, or nudge it.",
-    "export": "Write a mission's map as GeoTIFF, KMZ, tiles, MBTiles, poses.",
+    "export": "Write a mission's map as GeoTIFF, KMZ, tiles, GeoPackage, ATAK, PDF ...",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "reference": "Lay a mission's map on existing imagery.",
     "compare": "Say what has changed between old imagery and a new map.",

@@ -42,9 +42,18 @@ class Seen(NamedTuple):
     at_nodes: Sighting
 
 
-def labels_of(seen: Sequence[Seen], lattice: Lattice) -> npt.NDArray[np.int16]:
-    """Return for every pixel of the lattice's domain the index into ``seen`` of the frame that gives it, or -1."""
-    costs = [_dense_cost(one, lattice) for one in seen]
+SEAM_COST = 100.0
+"""What a frame pays where a seam search (``seams``) gave the place to another: less than a tier."""
+
+
+def labels_of(
+    seen: Sequence[Seen], lattice: Lattice, at_nodes: npt.NDArray[np.int16] | None = None
+) -> npt.NDArray[np.int16]:
+    """Return for every pixel of the lattice's domain the index into ``seen`` of the frame that gives it, or -1.
+
+    ``at_nodes``, ``(rows, columns)``, says whom the nodes belong to; without it the cheapest frame gives each pixel.
+    """
+    costs = [_dense_cost(one, lattice, None if at_nodes is None else at_nodes != k) for k, one in enumerate(seen)]
     labels = _cheapest(costs, range(len(seen)), lattice)
     counts = np.bincount(labels[labels >= 0], minlength=len(seen))
     full = [i for i in range(len(seen)) if counts[i] >= SLIVER_PX]
@@ -132,9 +141,12 @@ def _cost_near(one: Seen) -> FloatImage:
     return np.where(np.isnan(one.at_nodes.cost), np.inf, one.at_nodes.cost)
 
 
-def _dense_cost(one: Seen, lattice: Lattice) -> FloatImage:
+def _dense_cost(one: Seen, lattice: Lattice, not_mine: npt.NDArray[np.bool_] | None = None) -> FloatImage:
     """Return ``(height, width)`` cost over the domain, NaN or infinite where the frame does not see the ground."""
-    cost = lattice.dense((one.at_nodes.cost + TIER_COST * one.view.tier).astype(np.float32))
+    at_nodes = one.at_nodes.cost + TIER_COST * one.view.tier
+    if not_mine is not None:
+        at_nodes = at_nodes + SEAM_COST * not_mine
+    cost = lattice.dense(at_nodes.astype(np.float32))
     if np.min(one.at_nodes.border_px) > 0.0:  # false where NaN
         return cost
     placement = one.view.placement

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from photomap_gis.core.grid import MapFrame, MapGrid, Window
+from photomap_gis.core.grid import CrsFrame, MapGrid, Window
 from photomap_gis.core.similarity import FloatArray
 
 STEP_PX = 8
@@ -49,7 +49,7 @@ class Lattice:
     nodes_xy_map_m: FloatArray
 
     @classmethod
-    def over(cls, window: Window, grid: MapGrid, map_frame: MapFrame) -> Lattice:
+    def over(cls, window: Window, grid: MapGrid, map_frame: CrsFrame) -> Lattice:
         """Return the lattice over a window of ``grid``."""
         blocks_x, blocks_y = (-(-(side + 2 * STEP_PX) // STEP_PX) for side in (window.width, window.height))
         x = window.col_off + (np.arange(-1, blocks_x + 1) - 0.5) * STEP_PX - 0.5

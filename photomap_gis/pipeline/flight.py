@@ -169,16 +169,17 @@ def finish(
     with clock("render"):
         maps = draw_maps(mission, solved, settings, on_progress)
     with clock("export"):
-        outputs = deliver(mission, solved, maps, on_progress)
+        outputs = deliver(mission, solved, maps, on_progress, layers=bool(settings.layers))
     first = maps[0]
     return MapSummary(
         mission=str(folder),
         map=str(folder / "map.tif"),
         crs=solved.crs_name(settings.crs),
         georeferenced=solved.georeferenced,
-        gsd_m_per_px=first.store.grid.pixel_size,
+        gsd_m_per_px=first.gsd_m_per_px,
         area_m2=first.area if solved.georeferenced else None,
         bounds=first.store.grid.bounds,
+        size_m=(first.store.grid.width * first.gsd_m_per_px, first.store.grid.height * first.gsd_m_per_px),
         frames={"total": len(solved.frames), **solved.count_by_status()},
         registrations=measurements.count_accepted(),
         segments=solved.segments,

@@ -51,7 +51,7 @@ def open_mission(
                            antenna_offset_m=settings.antenna_offset_m if any(settings.antenna_offset_m)
                            else known.antenna_offset_m)  # fmt: skip
         _extend(mission, sources, settings, look, with_control or bool(mission.load_control().points))
-        return mission, settings
+        return mission, keep_drawing(mission, settings)
     names = tuple(str(Path(s).absolute()) for s in sources)
     if Mission.exists(folder):
         mission = Mission.open(folder)
@@ -62,7 +62,7 @@ def open_mission(
                 f"{folder} holds a mission of other sources or settings: extend it by --add, "
                 "or choose another folder by -o"
             )
-        return mission, settings
+        return mission, keep_drawing(mission, settings)
     footage = open_sources(sources, settings.ingest, on_progress=look)
     header = MissionHeader(
         sources=names,
@@ -78,6 +78,17 @@ def open_mission(
 def kept_settings(mission: Mission) -> MapSettings:
     """Return the settings that a mission was made with."""
     return _SETTINGS.validate_python(mission.header.settings)
+
+
+def keep_drawing(mission: Mission, settings: MapSettings) -> MapSettings:
+    """Have the mission keep how its map is drawn, and return the settings; what they leave open is as it was."""
+    known = kept_settings(mission)
+    prefer = known.prefer if settings.prefer is None else settings.prefer
+    layers = known.layers if settings.layers is None else settings.layers
+    if (prefer, layers) != (known.prefer, known.layers):
+        kept = _SETTINGS.dump_python(replace(known, prefer=prefer, layers=layers), mode="json")
+        mission.save_header(replace(mission.header, settings=kept))
+    return replace(settings, prefer=prefer, layers=layers)
 
 
 def _extend(
@@ -128,5 +139,5 @@ def _shaping(settings: dict[str, object]) -> dict[str, object]:
 
     References come in after all measuring, and the mission keeps what they say.
     """
-    free = {"workers", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m"}
+    free = {"workers", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers"}
     return {k: v for k, v in settings.items() if k not in free}
