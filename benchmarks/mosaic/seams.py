@@ -63,7 +63,9 @@ def fly(folder: Path, *, relief: bool, frames: int, width_px: int, seed: int = 0
         if relief:
             run_simulation("procedural", folder, spec)
         else:
-            hilly = fly(folder.with_name(folder.name + "-hilly"), relief=True, frames=frames, width_px=width_px, seed=seed)
+            hilly = fly(
+                folder.with_name(folder.name + "-hilly"), relief=True, frames=frames, width_px=width_px, seed=seed
+            )
             ground = hilly.ground()
             folder.mkdir(parents=True, exist_ok=True)
             picture = folder / "ground.png"
@@ -82,8 +84,9 @@ def map_it(folder: Path, *, straight: bool = False) -> tuple[Path, Path]:
     other = folder.with_name(folder.name + "-straight")
     with Mission.open(mission) as kept, mock.patch.object(render, "node_labels", _cheapest):
         solved, settings = Solved.load(kept), kept_settings(kept)
-        with tempfile.TemporaryDirectory() as scratch, mock.patch.object(
-            Mission, "mosaic_folder", lambda self, segment=0: Path(scratch) / f"mosaic-{segment}"
+        with (
+            tempfile.TemporaryDirectory() as scratch,
+            mock.patch.object(Mission, "mosaic_folder", lambda self, segment=0: Path(scratch) / f"mosaic-{segment}"),
         ):
             maps = draw_maps(kept, solved, settings, lambda *_: None)
             other.mkdir(exist_ok=True)

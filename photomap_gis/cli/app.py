@@ -21,6 +21,7 @@ COMMANDS = {
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "reference": "Lay a mission's map on existing imagery.",
     "compare": "Say what has changed between old imagery and a new map.",
+    "package": "Pack a mission into one file for the incident commander.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",
     "demo": "Simulate a flight, map it and compare with the truth.",
