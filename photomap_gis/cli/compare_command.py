@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.argument("old", type=click.Path(path_type=Path))
 @click.argument("new", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="OUT",
-              help="GeoTIFF of scores (polygons, picture beside it), or a folder; default: change.tif here.")  # fmt: skip
+              help="GeoTIFF of scores (the rest beside it), or a folder; default: change.tif here.")  # fmt: skip
 @click.option("--polygons", type=click.Path(path_type=Path), metavar="FILE",
               help="Changed areas: .geojson or .gpkg; default: beside the GeoTIFF.")  # fmt: skip
 @click.option(
