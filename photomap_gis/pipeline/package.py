@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import logging
@@ -10,12 +11,13 @@ import re
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyogrio
 from PIL import Image
 
 from photomap_gis import __version__
@@ -144,7 +146,8 @@ def package_mission(
         base = Path(scratch) / "base"
         base.mkdir()
         wanted = [Format.POSES, *([Format.VECTORS] if solved.georeferenced else [])]
-        export_files(folder, wanted, out=base if len(wanted) > 1 else base / "poses.csv")
+        with _fixed_date():
+            export_files(folder, wanted, out=base if len(wanted) > 1 else base / "poses.csv")
         snapshots = _write_finds(mission.folder, finds, store, base)
 
         fixed_bytes = sum(p.stat().st_size for p in base.rglob("*") if p.is_file())
@@ -182,6 +185,18 @@ def package_mission(
         str(folder), str(out), size, max_bytes, None if gsd is None else gsd * form.shrink, gsd, form.compression,
         files, lost, times, _frame_numbers(solved), solved.warnings,
     )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _fixed_date() -> Iterator[None]:
+    """Have GeoPackages written without the moment of writing: the same mission gives the same bytes."""
+    option = "OGR_CURRENT_DATE"
+    before = pyogrio.get_gdal_config_option(option)
+    pyogrio.set_gdal_config_options({option: "1980-01-01T00:00:00.000Z"})
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options({option: before})
 
 
 def _first_form(folder: Path, formats: tuple[Format, ...], max_bytes: int | None) -> _Form:

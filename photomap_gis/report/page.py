@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -31,7 +32,7 @@ class MapPicture:
         if self.width_m is None or self.width_m <= 0:
             return None
         most = self.width_m / 4.0
-        digits = len(str(int(most))) - 1 if most >= 1.0 else -2
+        digits = math.floor(math.log10(most))
         length = max(k * 10.0**digits for k in (1.0, 2.0, 5.0) if k * 10.0**digits <= most)
         label = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
         return label, 100.0 * length / self.width_m
