@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from photomap_gis.cli.app import main
 from photomap_gis.core.errors import LinkError, MissingExtraError, UsageError
 from photomap_gis.parallel import check_scheduler, map_jobs
 from tests.cluster import local_cluster
@@ -65,3 +66,11 @@ def test_without_the_extra_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"photomap-gis\[cluster\]"):
         check_scheduler("tcp://127.0.0.1:8786")
+
+
+def test_the_command_says_what_is_wrong_with_a_scheduler_before_it_looks_at_anything(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+    monkeypatch.setattr("photomap_gis.parallel._CONNECT_S", 0.2)
+    for address, exit_code in (("here", 2), ("tcp://127.0.0.1:9", 4)):
+        assert main(["map", str(tmp_path), "-o", str(tmp_path / "m"), "--scheduler", address, "-q"]) == exit_code
+        assert not (tmp_path / "m").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -14,7 +15,7 @@ import numpy.typing as npt
 import rasterio
 from rasterio.crs import CRS
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import RasterioError
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform as warp_points
 from rasterio.warp import transform_bounds
@@ -54,7 +55,9 @@ class Imagery:
         if not path.is_file():
             raise DataError(f"no such file: {path}; name a GeoTIFF or a mission folder")
         try:
-            self._dataset: Any = rasterio.open(path)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NotGeoreferencedWarning)  # told below, with the way out
+                self._dataset: Any = rasterio.open(path)
         except (RasterioError, OSError) as error:
             raise DataError(f"{path} cannot be read as imagery: {str(error).splitlines()[0]}") from error
         try:
