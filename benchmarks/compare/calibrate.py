@@ -15,7 +15,7 @@ from sklearn.linear_model import LogisticRegression
 import photomap_gis.compare
 from benchmarks.compare.laid import laid_on
 from benchmarks.compare.pairs import MIX, PIXEL_M, known_pair
-from photomap_gis.compare.evidence import FEATURES, LEAN_M, MOST_LEAN_PX, STRIDE_PX, evidence, leant, look_at_pair
+from photomap_gis.compare.evidence import FEATURES, STRIDE_PX, evidence, lean_px, look_at_pair
 from photomap_gis.compare.score import LAW_FILE, products_of
 
 SEEDS = range(100, 140)
@@ -32,8 +32,7 @@ def main() -> None:
         pair = known_pair(seed, nuisance)
         old, new, mask = laid_on(pair)
         look = look_at_pair([(old, new, mask)], has_colour=not nuisance.grey)
-        moved = leant(old, new, mask, min(MOST_LEAN_PX, LEAN_M / PIXEL_M))
-        found = evidence(moved, new, mask, look)
+        found = evidence(old, new, mask, look, most_lean_px=lean_px(PIXEL_M))
         kernel = np.ones((BORDER_PX, BORDER_PX), np.uint8)
         changed = pair.truth.astype(np.uint8)
         sure = cv2.erode(changed, kernel)[::STRIDE_PX, ::STRIDE_PX] > 0

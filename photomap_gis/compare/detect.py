@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.compare.align import LaidPair
-from photomap_gis.compare.evidence import LEAN_M, MOST_LEAN_PX, REACH_PX, STRIDE_PX, Pair, evidence, leant
+from photomap_gis.compare.evidence import REACH_PX, STRIDE_PX, Pair, evidence, lean_px
 from photomap_gis.compare.score import score_of
 from photomap_gis.core.grid import MapGrid, Window
 
@@ -57,9 +57,7 @@ def score_window(laid: LaidPair, pair: Pair, window: Window) -> FloatImage:
     inner = np.s_[REACH_PX : REACH_PX + window.height, REACH_PX : REACH_PX + window.width]
     if not mask[inner].any():
         return out
-    # What a lean of what stands explains is no difference; the law is fitted to pictures moved like this.
-    moved = leant(old, new, mask, min(MOST_LEAN_PX, LEAN_M / laid.grid.pixel_size))
-    score = score_of(evidence(moved, new, mask, pair))
+    score = score_of(evidence(old, new, mask, pair, most_lean_px=lean_px(laid.grid.pixel_size)))
     # Every second pixel was scored: those between are the mean of their neighbours, at the pixels' own places.
     x, y = np.meshgrid(np.arange(around.width) / STRIDE_PX, np.arange(around.height) / STRIDE_PX)
     full = cv2.remap(

@@ -36,10 +36,13 @@ LEAN_M = 1.5
 """How far a roof's edge may lie from where the other picture has it: 5 m of height seen 17 degrees off nadir."""
 MOST_LEAN_PX = 24.0
 
-FEATURES = (
+_SEEN = (
     "colour_near", "colour_wide", "colour_local", "colour_least", "structure_near", "structure_wide", "signed_near",
     "energy_near", "energy_wide", "texture_more", "texture_less",
 )  # fmt: skip
+
+FEATURES = (*_SEEN, *(f"{name}_leant" for name in _SEEN))
+"""What speaks for a change in the pictures as they lie, and with the old one moved to where it looks like the new."""
 
 _L_BINS, _AB_BINS = 14, 9
 _AB_RANGE = 45.0
@@ -128,11 +131,22 @@ def leant(old: Colours, new: Colours, mask: BoolImage, most_px: float) -> Colour
     return np.asarray(np.where(mask[..., None], moved, old), dtype=np.float32)
 
 
-def evidence(old: Colours, new: Colours, mask: BoolImage, pair: Pair) -> FloatImage:
+def evidence(old: Colours, new: Colours, mask: BoolImage, pair: Pair, *, most_lean_px: float) -> FloatImage:
     """``(h / 2, w / 2, len(FEATURES))``: what speaks for a change at every second pixel.
 
-    Pictures are ``(h, w, 3)`` RGB 0 to 1, laid on each other; ``mask`` is where both show ground.
+    Pictures are ``(h, w, 3)`` RGB 0 to 1, laid on each other; ``mask`` is where both show ground. What stands may lean
+    by ``most_lean_px`` between them.
     """
+    moved = leant(old, new, mask, most_lean_px)
+    return np.concatenate([_evidence(picture, new, mask, pair) for picture in (old, moved)], axis=-1)
+
+
+def lean_px(pixel_m: float) -> float:
+    """Return how far what stands may lean in pixels of a size."""
+    return min(MOST_LEAN_PX, LEAN_M / pixel_m)
+
+
+def _evidence(old: Colours, new: Colours, mask: BoolImage, pair: Pair) -> FloatImage:
     lab_old, lab_new = to_lab(old, has_colour=pair.has_colour), to_lab(new, has_colour=pair.has_colour)
     lab_old[~mask], lab_new[~mask] = 0.0, 0.0
     inner = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1).astype(np.float32)

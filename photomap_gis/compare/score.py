@@ -26,7 +26,7 @@ def score_of(evidence: FloatImage) -> FloatImage:
     mean, scale, weights, offset = _law()
     flat = (evidence.reshape(-1, len(FEATURES)) - mean) / scale
     out = np.empty(len(flat), np.float32)
-    for start in range(0, len(flat), 1 << 18):  # the products are seven times the evidence
+    for start in range(0, len(flat), 1 << 18):  # the products are twelve times the evidence
         part = products_of(flat[start : start + (1 << 18)])
         out[start : start + (1 << 18)] = 1.0 / (1.0 + np.exp(-np.clip(part @ weights + offset, -30.0, 30.0)))
     return out.reshape(evidence.shape[:-1])

@@ -17,7 +17,7 @@ def ground(rng):
 
 
 def _score(old, new):
-    return score_of(evidence(old, new, ALL, look_at_pair([(old, new, ALL)], has_colour=True)))
+    return score_of(evidence(old, new, ALL, look_at_pair([(old, new, ALL)], has_colour=True), most_lean_px=6.0))
 
 
 def test_another_light_is_no_change(ground):
