@@ -5,6 +5,7 @@ The seams of the product are compared with straight ones on the same placements.
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,27 +76,26 @@ def fly(folder: Path, *, relief: bool, frames: int, width_px: int, seed: int = 0
 
 
 def map_it(folder: Path, *, straight: bool = False) -> tuple[Path, Path]:
-    """Map a flight and return ``map.tif`` and the layer of source frames; with straight seams, if asked."""
+    """Map a flight and draw the map of its solution; return ``map.tif`` and its layer of source frames.
+
+    With ``straight`` seams are where two frames cost the same: both maps show the same placements.
+    """
     mission = folder.with_name(folder.name + "-mission")
     if not (mission / "map.tif").is_file():
-        map_flight([folder / "photos"], mission, MapSettings(layers=True))
-    if not straight:
-        return mission / "map.tif", mission / "layers" / "source_frame.tif"
-    other = folder.with_name(folder.name + "-straight")
-    with Mission.open(mission) as kept, mock.patch.object(render, "node_labels", _cheapest):
-        solved, settings = Solved.load(kept), kept_settings(kept)
-        with (
-            tempfile.TemporaryDirectory() as scratch,
-            mock.patch.object(Mission, "mosaic_folder", lambda self, segment=0: Path(scratch) / f"mosaic-{segment}"),
-        ):
-            maps = draw_maps(kept, solved, settings, lambda *_: None)
-            other.mkdir(exist_ok=True)
-            with mock.patch.object(kept, "folder", other):
+        map_flight([folder / "photos"], mission, MapSettings())
+    out = folder.with_name(folder.name + ("-straight" if straight else "-seams"))
+    out.mkdir(exist_ok=True)
+    seams = mock.patch.object(render, "node_labels", _cheapest) if straight else contextlib.nullcontext()
+    with Mission.open(mission) as kept, seams, tempfile.TemporaryDirectory() as scratch:
+        solved = Solved.load(kept)
+        with mock.patch.object(Mission, "mosaic_folder", lambda self, segment=0: Path(scratch) / f"mosaic-{segment}"):
+            maps = draw_maps(kept, solved, kept_settings(kept), lambda *_: None)
+            with mock.patch.object(kept, "folder", out):
                 deliver(kept, solved, maps, lambda *_: None, layers=True)
-    return other / "map.tif", other / "layers" / "source_frame.tif"
+    return out / "map.tif", out / "layers" / "source_frame.tif"
 
 
-def _cheapest(costs, greys, roughness, *, edges):  # type: ignore[no-untyped-def]
+def _cheapest(costs: np.ndarray, *_: object, **__: object) -> np.ndarray:
     best = np.argmin(costs, axis=0).astype(np.int16)
     best[~np.isfinite(costs.min(axis=0))] = -1
     return best
@@ -147,7 +147,7 @@ def _along(near: npt.NDArray[np.bool_], source_tif: Path, c: Comparison) -> npt.
 
 
 def _broken(c: Comparison, T_map_true, places: npt.NDArray[np.intp]) -> tuple[float, int]:  # type: ignore[no-untyped-def]
-    """Return the share of windows of the map about ``(N, 2)`` places that are not found in the truth, and of how many."""
+    """Return the share of the map's windows about ``(N, 2)`` places that are not found in the truth; and how many."""
     half, reach = WINDOW_PX // 2, 12
     lost = tried = 0
     for row, col in places:

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     metavar="M",
     help="How far that imagery may be off, one sigma; default: one of its pixels.",
 )
+@click.option("--dem", type=click.Path(path_type=Path), metavar="FILE",
+              help="Heights of the ground (GeoTIFF); default: found from the pictures.")  # fmt: skip
 @source_options
 @control_options
 @drawing_options
@@ -62,6 +64,7 @@ def command(
     reference_sigma: float | None,
     prefer: str | None,
     layers: bool | None,
+    dem: Path | None,
     workers: int | None,
     scheduler: str | None,
     memory_mb: int | None,
@@ -105,6 +108,7 @@ def command(
         reference_sigma_m=reference_sigma,
         prefer=None if prefer is None else Prefer(prefer),
         layers=layers,
+        dem=None if dem is None else str(dem.absolute()),
     )
     folder = add or mission
     assert folder is not None  # told apart above

@@ -16,6 +16,8 @@ from photomap_gis.cli.progress import ProgressBars
 @click.argument("mission", type=click.Path(path_type=Path))
 @control_options
 @drawing_options
+@click.option("--dem", type=click.Path(path_type=Path), metavar="FILE",
+              help="Heights of the ground (GeoTIFF), kept in the mission.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
 def command(
@@ -24,6 +26,7 @@ def command(
     gcp: Path | None,
     gcp_crs: str | None,
     check: str | None,
+    dem: Path | None,
     prefer: str | None,
     layers: bool | None,
     workers: int | None,
@@ -38,6 +41,7 @@ def command(
     photomap solve flight-1 --gcp points.csv --gcp-crs EPSG:25832 --check P3,P7
     photomap solve flight-1 --check P3               # the points that are kept in the mission
     photomap solve flight-1 --prefer newest --layers # the same map, drawn another way
+    photomap solve flight-1 --dem dtm.tif            # heights of the ground
 
     The control points are kept in the mission, and how the map is drawn: later runs and solves use them.
     """
@@ -46,5 +50,5 @@ def command(
 
     drawing = Drawing(None if prefer is None else Prefer(prefer), layers, workers, memory_mb)
     with ProgressBars(quiet=quiet) as bars:
-        summary = solve_again(mission, control_request(gcp, gcp_crs, check), drawing=drawing, on_progress=bars)
+        summary = solve_again(mission, control_request(gcp, gcp_crs, check), dem=dem, drawing=drawing, on_progress=bars)
     tell(summary, as_json=as_json)

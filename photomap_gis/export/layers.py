@@ -23,7 +23,6 @@ from photomap_gis.export.crs import needs_place, point_map, same_crs
 from photomap_gis.export.geotiff import (
     LOCAL_CRS_WKT,
     NOT_GEOREFERENCED,
-    bounded_cache,
     check_cog,
     draft_dataset,
     strips,
@@ -34,6 +33,7 @@ from photomap_gis.export.warp import lattice
 OnProgress = Callable[[int, int], None]
 
 _BLOCK_PX = 512
+_CACHE_BYTES = 32 << 20  # blocks are written once and read once, in the same order
 
 
 def write_layers(
@@ -88,7 +88,10 @@ def write_layer(
         "width": grid.width, "height": grid.height, "count": len(spec.bands), "dtype": spec.dtype,
         "nodata": spec.nodata, "crs": grid.crs_wkt or LOCAL_CRS_WKT, "transform": rasterio.Affine(*grid.transform),
     }  # fmt: skip
-    with file_in_place_of(path, lambda p: check_cog(p, path)) as temporary, bounded_cache():
+    with (
+        file_in_place_of(path, lambda p: check_cog(p, path)) as temporary,
+        rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES),
+    ):
         draft = temporary.with_name("draft.tif")
         with draft_dataset(draft, profile) as out:
             out.update_tags(**tags)

@@ -21,7 +21,7 @@ from photomap_gis.mosaic.tiles import write_atomically
 LayerTile = dict[Layer, npt.NDArray[Any]]
 
 _HEAD_FILE = "layers.json"
-_CACHED_TILES = 8
+_CACHED_TILES = 4  # of some 8 MB; what is read row by row needs no more
 
 
 class LayerStore:

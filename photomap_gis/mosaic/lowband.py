@@ -20,6 +20,7 @@ from photomap_gis.core.errors import OutputError
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.mosaic.lattice import FloatImage
 from photomap_gis.mosaic.pixels import LruCache, SourceImage
+from photomap_gis.mosaic.sharpness import BLUR_DIGITS
 
 LONG_SIDE_PX = 96
 """Size of a thumbnail: one of its pixels is about a hundredth of the frame."""
@@ -153,7 +154,7 @@ def _read(path: Path) -> LowBand | None:
     thumbnail = cv2.imdecode(body, cv2.IMREAD_UNCHANGED) if body.size else None
     if thumbnail is None or thumbnail.dtype != np.uint16 or thumbnail.ndim != 3:
         return None
-    return LowBand(thumbnail, width, height, blur_px, outlook)
+    return LowBand(thumbnail, width, height, round(blur_px, BLUR_DIGITS), outlook)
 
 
 def _write(path: Path, low: LowBand) -> None:

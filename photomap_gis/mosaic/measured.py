@@ -30,7 +30,7 @@ def keep_measured(store: TileStore, measured: Measured) -> None:
         "fingerprint": store.fingerprint,
         "vignette": measured.exposure.vignette,
         "gains": {str(frame): gain.tolist() for frame, gain in measured.exposure.gains.items()},
-        "blur_px": {str(f): round(b, 3) if math.isfinite(b) else None for f, b in measured.blur_px.items()},
+        "blur_px": {str(f): b if math.isfinite(b) else None for f, b in measured.blur_px.items()},
         "unreadable": sorted(measured.unreadable),
     }
     write_atomically(store.folder / _FILE, json.dumps(document).encode())

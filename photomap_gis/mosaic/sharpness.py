@@ -21,6 +21,9 @@ _CROP_PX = 256
 _STEEPEST = 0.02  # share of a crop's pixels that are looked at
 _LEAST_STEEP = 1.5  # grey levels a pixel, after the finer blur: below it noise is measured
 _LEAST_COUNT = 60
+BLUR_DIGITS = 3
+"""A blur is told to so many digits, so that one that was written down is the same."""
+
 MAX_BLUR_PX = 8.0
 """Beyond it the method only says: at least that."""
 
@@ -40,7 +43,7 @@ def blur_of(image: ImageArray) -> float:
             ratios.append(_steepness_ratios(fine, coarse, axis))
     blurs = [_blur_from(np.concatenate(ratios)) for ratios in along]
     known = [b for b in blurs if math.isfinite(b)]
-    return max(known) if known else math.nan
+    return round(max(known), BLUR_DIGITS) if known else math.nan
 
 
 def _crops(height: int, width: int) -> list[tuple[int, int]]:

@@ -84,6 +84,11 @@ class View:
         The footprint is asked first because a distorted camera folds far-away ground back into its picture: there
         the polynomial of the lens no longer means anything.
         """
+        (left, top), (right, bottom) = xy_map_m.min(axis=0), xy_map_m.max(axis=0)
+        box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+        # What is near is convex: where the points' box is, they all are.
+        if (distance_inside(self.hull_xy_map_m, box) >= -slack_m).all():
+            return self.placement.camera_to_map.unproject(xy_map_m)
         near = distance_inside(self.hull_xy_map_m, xy_map_m) >= -slack_m
         if near.all():
             return self.placement.camera_to_map.unproject(xy_map_m)

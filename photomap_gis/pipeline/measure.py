@@ -138,8 +138,13 @@ class Measurements:
 
         Poses from a chain and GPS may be off by more than they say: the search is free, by spectra alone. Each cluster
         of frames has a map frame of its own; where there are several, nothing says how they lie to each other, and
-        pairs between them are tried in order.
+        pairs between them are tried in order. Asked again with a newer solution, it tries what that shows besides: a
+        frame's registrations so far count against what may be spent on it.
         """
+        spent: Counter[int] = Counter()
+        for r in self.accepted:
+            if r.kind is EdgeKind.LOOP:
+                spent.update((r.a, r.b))
         pairs = [
             Pair(c.a, c.b, EdgeKind.LOOP, fallback=False)
             for cluster in map(self._usable, clusters)
@@ -149,6 +154,7 @@ class Measurements:
                 exclude=self._tries.keys(),
                 min_overlap=MIN_OVERLAP,
                 max_per_frame=PER_FRAME,
+                spent=spent,
             )
         ]
         if len(clusters) > 1:

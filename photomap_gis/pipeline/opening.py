@@ -16,6 +16,7 @@ from photomap_gis.core.frame import Footage
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.georef import choose_map_frame, resolve_crs
 from photomap_gis.ingest import open_sources
+from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.reference import ReferenceImage
 from photomap_gis.store import Mission, MissionHeader
@@ -42,6 +43,8 @@ def open_mission(
     for reference in settings.references:
         with ReferenceImage(Path(reference)):
             pass  # so is a file that cannot be used
+    if settings.dem is not None:
+        check_dem(Path(settings.dem))
     with_control = with_control or bool(settings.references)
     look = partial(on_progress, "look")
     if add:
@@ -49,7 +52,8 @@ def open_mission(
         known = kept_settings(mission)
         settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px,
                            antenna_offset_m=settings.antenna_offset_m if any(settings.antenna_offset_m)
-                           else known.antenna_offset_m)  # fmt: skip
+                           else known.antenna_offset_m, dem=settings.dem or known.dem)  # fmt: skip
+        keep_dem(mission, settings.dem)
         _extend(mission, sources, settings, look, with_control or bool(mission.load_control().points))
         return mission, keep_drawing(mission, settings)
     names = tuple(str(Path(s).absolute()) for s in sources)
@@ -62,6 +66,8 @@ def open_mission(
                 f"{folder} holds a mission of other sources or settings: extend it by --add, "
                 "or choose another folder by -o"
             )
+        settings = replace(settings, dem=settings.dem or kept_settings(mission).dem)
+        keep_dem(mission, settings.dem)
         return mission, keep_drawing(mission, settings)
     footage = open_sources(sources, settings.ingest, on_progress=look)
     header = MissionHeader(
@@ -89,6 +95,12 @@ def keep_drawing(mission: Mission, settings: MapSettings) -> MapSettings:
         kept = _SETTINGS.dump_python(replace(known, prefer=prefer, layers=layers), mode="json")
         mission.save_header(replace(mission.header, settings=kept))
     return replace(settings, prefer=prefer, layers=layers)
+
+
+def keep_dem(mission: Mission, dem: str | None) -> None:
+    """Write down the ground's heights by which a mission is solved from now on; ``None`` changes nothing."""
+    if dem is not None and dem != kept_settings(mission).dem:
+        mission.save_header(replace(mission.header, settings={**mission.header.settings, "dem": dem}))
 
 
 def _extend(
@@ -137,7 +149,9 @@ def _map_frame(footage: Footage, settings: MapSettings, *, with_control: bool = 
 def _shaping(settings: dict[str, object]) -> dict[str, object]:
     """Return the settings that shape measurements: a resumed run may use other threads, memory and pixels.
 
-    References come in after all measuring, and the mission keeps what they say.
+    References come in after all measuring, and the mission keeps what they say; so does the ground's shape.
     """
-    free = {"workers", "scheduler", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers"}
+    free = {
+        "workers", "scheduler", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers", "dem",
+    }  # fmt: skip
     return {k: v for k, v in settings.items() if k not in free}

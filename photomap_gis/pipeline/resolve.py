@@ -19,11 +19,12 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
+from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.align import aligned
 from photomap_gis.pipeline.control import ControlRequest, keep_control, keep_request, read_request
 from photomap_gis.pipeline.flight import StageClock, finish, settle
 from photomap_gis.pipeline.measure import Measurements
-from photomap_gis.pipeline.opening import keep_drawing, kept_settings
+from photomap_gis.pipeline.opening import keep_dem, keep_drawing, kept_settings
 from photomap_gis.pipeline.prepare import SpectrumShelf
 from photomap_gis.pipeline.reference import take_references
 from photomap_gis.pipeline.settings import Drawing, MapSettings, Progress
@@ -55,17 +56,22 @@ def solve_again(
     control: ControlRequest | None = None,
     *,
     drawing: Drawing | None = None,
+    dem: Path | None = None,
     on_progress: Progress = lambda stage, done, total: None,
 ) -> MapSummary:
     """Solve a finished mission again from its journals, draw and export its map, and return what there is to tell.
 
     Ground control that is asked for takes the place of what the mission has of it; without it that holds; likewise how
-    the map is drawn. Where nothing could be placed, the mission is left as it was. Raises ``PhotomapError`` children.
+    the map is drawn. ``dem`` is a file of the ground's heights, kept in the mission too. Where nothing could be placed,
+    the mission is left as it was. Raises ``PhotomapError`` children.
     """
     read_request(control)
+    if dem is not None:
+        check_dem(dem)
 
     def change(mission: Mission, solved: Solved, settings: MapSettings) -> None:
         keep_request(mission, control, solved.frames, settings.crs)
+        keep_dem(mission, None if dem is None else str(dem.absolute()))
 
     return _solved_after(change, folder, on_progress, drawing or Drawing())
 
@@ -163,8 +169,9 @@ def _solved_after(
         measurements = Measurements(mission, SpectrumShelf(mission), prepared, settings, on_progress)
         measurements.take_kept()
         with clock("solve"):
-            change(mission, before, settings)
             try:
+                change(mission, before, settings)
+                settings = drawing.applied_to(kept_settings(mission))
                 solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=before.track_shifts_s)
                 solved = settle(mission, frames, views, measurements, settings, solved)
                 if not solved.segment_numbers:

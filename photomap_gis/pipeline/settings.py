@@ -28,6 +28,7 @@ class MapSettings:
     that the map is laid on, ``reference_sigma_m`` their own constant error per axis (``None``: one of their pixels).
     ``prefer`` says which of several frames is shown (``None``: the steepest, or what the mission was drawn by),
     ``layers`` whether layers are written beside the map.
+    ``dem`` is a file of the ground's heights, of which the shape is used.
     """
 
     ingest: IngestOptions = field(default_factory=IngestOptions)
@@ -43,6 +44,7 @@ class MapSettings:
     reference_sigma_m: float | None = None
     prefer: Prefer | None = None
     layers: bool | None = None
+    dem: str | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_off_nadir_deg < 90.0:

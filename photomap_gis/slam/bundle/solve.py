@@ -13,11 +13,12 @@ from photomap_gis.core.similarity import FloatArray
 from photomap_gis.slam.bundle.equations import (
     Reduced,
     SpotPrior,
-    inverse_spd,
+    blocks_of_inverse,
     prior_cost,
     reduced_equations,
     runs_of,
     solve_spd,
+    spots_settled,
 )
 from photomap_gis.slam.bundle.ground import fit_ground
 from photomap_gis.slam.bundle.marks import MarkTerms, mark_terms
@@ -30,13 +31,16 @@ LEAST_RELIEF = 0.001
 ROUNDS, LEVEL_ROUNDS = 10, 2
 """In the first rounds the ground counts as level, roughly: a lens that is off bends it like a bowl, and the bowl would
 be believed."""
-STEPS = 4
-LIMIT = 3.0
+FIRST_STEPS, STEPS, LAST_STEPS = 4, 1, 2
+"""Steps of the first round, of those in between, where the ground is renewed after every one, and of the last."""
+LIMIT = 2.0
 """Ties this many sigmas off count a quarter."""
-SETTLED = 1e-3
-"""A step is small that moves all views by less than this share of a pixel on the ground."""
-SETTLED_ROUND = 0.1
-"""Another round is of no use where the last moved no camera by more than this share of a pixel on the ground."""
+SETTLED = 0.3
+"""A step is small that gains less than this of the weighted squares: nothing that any sigma would show."""
+LENGTHS = (1.0, 0.5, 0.25)
+"""Of a step these shares are tried."""
+SETTLED_ROUND = 0.2
+"""Another round is of no use where the last moved no camera by more than this share of a pixel against the others."""
 OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
 CELLS_A_FOOTPRINT = 4.0
@@ -48,6 +52,8 @@ MOUNT_SPREAD = 3.0
 """A mount may lean by so many times what a frame leans besides."""
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
+KNOWN_SHAPE = 5e-4
+"""How far a ground of known heights may slope or bow besides."""
 LARGE = 1500
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
@@ -107,12 +113,12 @@ def _adjusted(asked: BundleProblem) -> Bundle:
     gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
     free = np.zeros((len(problem.lenses), 2), bool)
     relief = FIRST_RELIEF * height
-    ground = HeightField.level(relief)
+    ground = replace(_on_level(problem, state), sigma=relief)
     before = _rms(*residuals(problem, state))
     for round_ in range(ROUNDS):
         came_from = state.centre
         prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
-        state, at, equations = _descend(problem, state, prior, free, gsd, ground)
+        state, at, equations = _descend(problem, state, prior, free, ground, FIRST_STEPS if round_ == 0 else STEPS)
         if round_ == 0:
             free = _observable(problem, state, at, prior)
         problem = _with_mounts(asked, state)
@@ -122,19 +128,18 @@ def _adjusted(asked: BundleProblem) -> Bundle:
         spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
         ground = _ground_of(problem, state, spot_sigma, height, gsd)
         relief = max(ground.sigma, LEAST_RELIEF * height)
-        if np.abs(state.centre - came_from)[:, :2].max(initial=0.0) < SETTLED_ROUND * gsd:
+        moved = (state.centre - came_from)[:, :2]
+        if np.abs(moved - np.median(moved, axis=0)).max() < SETTLED_ROUND * gsd:
             break
     prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
-    state, at, equations = _descend(problem, state, prior, free, gsd, replace(ground, sigma=relief))
+    state, at, equations = _descend(problem, state, prior, free, replace(ground, sigma=relief), LAST_STEPS)
     state, ground = _sized(problem, state, ground)
-    inverse = inverse_spd(_believed(problem, state, at, prior, free, ground))
-    n = len(problem.views)
-    covariance = np.stack([inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)]).reshape(n, 6, 6)
+    H = _believed(problem, state, at, prior, free, ground)
     return Bundle(
         state.centre,
         state.R,
-        covariance,
-        tuple(_lens_found(problem, state, free, inverse)),
+        blocks_of_inverse(H, len(problem.views)),
+        tuple(_lens_found(problem, state, free, _lens_sigmas(problem, H))),
         replace(ground, sigma=relief),
         before,
         _rms(at.found.residual, at.found.valid),
@@ -143,7 +148,7 @@ def _adjusted(asked: BundleProblem) -> Bundle:
 
 
 def _descend(
-    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, gsd: float, ground: HeightField
+    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, ground: HeightField, steps: int
 ) -> tuple[BundleState, _At, Reduced]:
     def equations_at(state: BundleState, at: _At) -> Reduced:
         marked = _marked(problem, state, ground)
@@ -155,27 +160,29 @@ def _descend(
 
     at = _look(problem, state)
     equations = equations_at(state, at)
-    for _ in range(STEPS):
+    for _ in range(steps):
         value = cost_at(state, at)
-        solved = False
+        solved, best, least = False, state, value
         for damping in DAMPINGS:
             H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
             try:
                 step = solve_spd(H, equations.g)
             except np.linalg.LinAlgError:
                 continue
-            solved, moved = True, state.moved(step, equations.spots_for(step))
-            if cost_at(moved, at) <= value * (1.0 + 1e-9):
+            solved, spots = True, equations.spots_for(step)
+            for length in LENGTHS:
+                moved = spots_settled(problem, state.moved(length * step, length * spots), at.information, prior)
+                if (cost := cost_at(moved, at)) < value:
+                    best, least = moved, cost
+                    break
+            if least < value:
                 break
-        else:
-            if not solved:
-                raise np.linalg.LinAlgError("the full solution has no single answer")
+        if not solved:
+            raise np.linalg.LinAlgError("the full solution has no single answer")
+        if value - least < SETTLED:
             break  # it gets no better
-        state, at = moved, _look(problem, moved)
+        state, at = best, _look(problem, best)
         equations = equations_at(state, at)
-        shift = np.abs(step[: 6 * len(problem.views)].reshape(-1, 6)[:, :3]).max(initial=0.0)
-        if shift < SETTLED * gsd:
-            break
     return state, at, equations
 
 
@@ -212,13 +219,16 @@ def _spot_prior(
     xy = _spots_xy(problem, state)
     z = -ground.at(xy)
     off2 = ((state.z - z) / relief) ** 2
+    lens = np.zeros(problem.ties.spots, np.intp)
+    lens[problem.ties.spot] = problem.lens_of[problem.ties.b]
     if not len(xy):
-        return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0))
+        return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0), lens, state.log_focal)
     reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
     u, v = ((xy - np.median(xy, axis=0)) / reach).T
     bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
-    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
-    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma)
+    slope, bowl = (SLOPE_SIGMA, bowl) if problem.terrain is None else (KNOWN_SHAPE, KNOWN_SHAPE)
+    sigma = reach * np.array([LEVEL_SIGMA, slope, slope, bowl, bowl, bowl])
+    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma, lens, state.log_focal)
 
 
 def _with_mounts(problem: BundleProblem, state: BundleState) -> BundleProblem:
@@ -283,14 +293,32 @@ def _levelled_off(problem: BundleProblem, state: BundleState) -> BundleState:
     return replace(state, z=state.z - middle, centre=state.centre - [0.0, 0.0, middle])
 
 
+def _on_level(problem: BundleProblem, state: BundleState) -> HeightField:
+    """Return the ground as far as it is known beforehand, raised so that the spots lie on it on the whole."""
+    if problem.terrain is None or not len(state.z):
+        return HeightField.level()
+    off = -state.z - problem.terrain.at(_spots_xy(problem, state))
+    return replace(problem.terrain, up=problem.terrain.up + float(np.median(off)))
+
+
 def _ground_of(
     problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float, gsd: float
 ) -> HeightField:
+    if problem.terrain is not None:
+        return _on_terrain(problem, state, spot_sigma, height)
     camera = problem.lenses[0].camera
     cell = gsd * max(camera.width_px, camera.height_px) / CELLS_A_FOOTPRINT
     known = spot_sigma < 0.1 * height
     xy = _spots_xy(problem, state)
     return fit_ground(xy[known], -state.z[known], spot_sigma[known], cell)
+
+
+def _on_terrain(problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float) -> HeightField:
+    """Return the known ground at the level of the spots, and how far they lie off it, robustly."""
+    ground = _on_level(problem, state)
+    known = spot_sigma < 0.1 * height
+    off = -state.z[known] - ground.at(_spots_xy(problem, state)[known])
+    return replace(ground, sigma=1.4826 * float(np.median(np.abs(off))) if known.any() else height * FIRST_RELIEF)
 
 
 def _believed(
@@ -312,20 +340,22 @@ def _observable(problem: BundleProblem, state: BundleState, at: _At, prior: Spot
     free = np.ones((len(problem.lenses), 2), bool)
     H = _believed(problem, state, at, prior, free, HeightField.level())
     try:
-        variance = np.diag(inverse_spd(H))[_lens_rows(problem)].reshape(-1, 2)
+        sigma = _lens_sigmas(problem, H)
     except np.linalg.LinAlgError:
         return np.zeros_like(free)
     before = np.array([(lens.focal_sigma_log, lens.k1_sigma) for lens in problem.lenses])
-    return np.asarray(np.sqrt(variance) < OBSERVABLE * before)
+    return np.asarray(sigma < OBSERVABLE * before)
 
 
-def _lens_rows(problem: BundleProblem) -> slice:
-    first = 6 * len(problem.views)
-    return slice(first, first + 2 * len(problem.lenses))
+def _lens_sigmas(problem: BundleProblem, H: FloatArray) -> FloatArray:
+    """Return ``(L, 2)`` posterior sigmas of the lens numbers; ``numpy.linalg.LinAlgError`` as ``solve_spd``."""
+    first, count = 6 * len(problem.views), 2 * len(problem.lenses)
+    ones = np.zeros((len(H), count))
+    ones[first : first + count] = np.eye(count)
+    return np.sqrt(np.diag(-solve_spd(H, ones)[first : first + count])).reshape(-1, 2)
 
 
-def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, inverse: FloatArray) -> list[LensFound]:
-    sigma = np.sqrt(np.diag(inverse)[_lens_rows(problem)].reshape(-1, 2))
+def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, sigma: FloatArray) -> list[LensFound]:
     out = []
     for k, (lens, camera) in enumerate(zip(problem.lenses, cameras_of(problem, state), strict=True)):
         f = float(sigma[k, 0]) if free[k, 0] else lens.focal_sigma_log
