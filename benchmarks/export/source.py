@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import rasterio
@@ -34,7 +35,7 @@ class GeoTiffSource:
         out = np.zeros((h, w, 4), np.uint8)
         if right > left and bottom > top:
             bands = dataset.read(window=RasterWindow(left, top, right - left, bottom - top))
-            out[top - r : bottom - r, left - c : right - c] = bands.transpose(1, 2, 0)
+            out[top - r : bottom - r, left - c : right - c] = cv2.merge(list(bands))
         return out
 
     def _dataset(self) -> Any:

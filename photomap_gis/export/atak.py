@@ -70,10 +70,13 @@ def write_atak(
     image = "imagery/map.mbtiles"
     with file_in_place_of(path, lambda p: _check(p, path)) as temporary:
         tiles = temporary.with_name("map.mbtiles")
-        write_mbtiles(
-            source, tiles, gsd_m=gsd_m, area=area, image_format=image_format, quality=quality, words=words,
-            on_progress=on_progress,
-        )  # fmt: skip
+        try:
+            write_mbtiles(
+                source, tiles, gsd_m=gsd_m, area=area, image_format=image_format, quality=quality, words=words,
+                on_progress=on_progress,
+            )  # fmt: skip
+        except OutputError as error:  # told of the file that the user named
+            raise OutputError(str(error).replace(str(tiles), str(path))) from error
         with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, allowZip64=True) as archive:
             archive.writestr("MANIFEST/manifest.xml", _manifest(package, words, image, [uid for uid, _ in events]))
             archive.write(tiles, image, zipfile.ZIP_STORED)  # pictures are packed already

@@ -61,7 +61,7 @@ def _read(path: Path) -> tuple[str | None, list[BaseGeometry]]:
                 if any(_closed(g) for g in found):
                     return meta["crs"], [shapely.force_2d(g) for g in found]
     except (DataSourceError, DataLayerError, GeometryError, shapely.errors.ShapelyError) as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split(";")[0].split())
         raise DataError(
             f"{path} cannot be read as an outline ({reason}); name a GeoJSON, GPKG, KML or SHP with a polygon"
         ) from error

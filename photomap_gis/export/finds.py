@@ -55,7 +55,7 @@ def read_finds(path: Path) -> tuple[Find, ...]:
                 if kind is not None:
                     finds += _finds_of(path, layer, len(finds))
     except (DataSourceError, DataLayerError, FieldError, GeometryError, shapely.errors.ShapelyError) as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split(";")[0].split())
         raise DataError(f"{path} cannot be read ({reason}); name a GeoJSON, GPKG, KML or SHP with points") from error
     if not finds:
         raise DataError(f"{path} holds no point: finds are points")

@@ -14,6 +14,7 @@ import shutil
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import cast
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
@@ -150,7 +151,7 @@ def _box(plan: Pyramid, col: float, row: float, width: float, height: float) -> 
 
 
 def _grid(plan: Pyramid) -> AffineGrid:
-    return plan.resampler.grid  # type: ignore[return-value]
+    return cast(AffineGrid, cast(Resampler, plan.resampler).grid)
 
 
 def _tile_box(plan: Pyramid, key: TileKey) -> tuple[float, float, float, float]:

@@ -27,7 +27,8 @@ from photomap_gis.core.errors import DataError, OutputError, UsageError
 from photomap_gis.core.grid import MapGrid
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
-from photomap_gis.export.geotiff import bounded_cache, draft_dataset, planes_of, strips
+from photomap_gis.export.cog import planes_of
+from photomap_gis.export.geotiff import bounded_cache, draft_dataset, strips
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.warp import target_grid, warped
 from photomap_gis.export.words import MapWords

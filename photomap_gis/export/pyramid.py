@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from photomap_gis.core.grid import Window
 from photomap_gis.export.pixels import Rgba, shrink
-from photomap_gis.export.warp import Resampler
 from photomap_gis.parallel import map_jobs, usable_cpus
 
 _BRANCH_PX = 2048  # less overlap and fewer calls than tile by tile
@@ -42,6 +41,14 @@ class Tile:
     rgba: Rgba
 
 
+class Reader(Protocol):
+    """What a pyramid is made from: a resampler, or a map on the pyramid's own pixels."""
+
+    def read(self, window: Window) -> Rgba:
+        """``(height, width, 4)`` RGBA."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Pyramid:
     """A quad tree of tiles over ``extent``, a window of the finest level's pixels.
@@ -50,7 +57,7 @@ class Pyramid:
     ``min_zoom``. Tiles finer than ``keep_zoom`` are read for their parents' sake only.
     """
 
-    resampler: Resampler
+    resampler: Reader
     extent: Window
     max_zoom: int
     min_zoom: int = 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,23 +108,25 @@ def _write_gpkg(
     layers: Sequence[VectorLayer], temporary: Path, path: Path, crs_wkt: str | None, words: MapWords
 ) -> None:
     try:
-        for number, layer in enumerate(layers):
-            kinds = {g.geom_type for g in layer.geometries}
-            kind = kinds.pop() if len(kinds) == 1 else "Unknown"
-            names = list(layer.rows[0])
-            pyogrio.raw.write(
-                temporary,
-                np.array([shapely.to_wkb(g) for g in layer.geometries], dtype=object),
-                [_column([row[name] for row in layer.rows]) for name in names],
-                names,
-                layer=layer.name,
-                driver="GPKG",
-                geometry_type=kind,
-                crs=crs_wkt,
-                append=number > 0,
-                dataset_metadata=None if number else {**words.pairs, "attribution": words.attribution},
-                layer_options={"DESCRIPTION": words.paragraph.replace("\n", "; ")},
-            )
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*crs.*")  # a local map has none, and says so
+            for number, layer in enumerate(layers):
+                kinds = {g.geom_type for g in layer.geometries}
+                kind = kinds.pop() if len(kinds) == 1 else "Unknown"
+                names = list(layer.rows[0])
+                pyogrio.raw.write(
+                    temporary,
+                    np.array([shapely.to_wkb(g) for g in layer.geometries], dtype=object),
+                    [_column([row[name] for row in layer.rows]) for name in names],
+                    names,
+                    layer=layer.name,
+                    driver="GPKG",
+                    geometry_type=kind,
+                    crs=crs_wkt,
+                    append=number > 0,
+                    dataset_metadata=None if number else {**words.pairs, "attribution": words.attribution},
+                    layer_options={"DESCRIPTION": words.paragraph.replace("\n", "; ")},
+                )
     except (DataSourceError, DataLayerError) as error:
         raise OutputError(f"{path} cannot be written: {' '.join(str(error).split())}; check the disk") from error
 

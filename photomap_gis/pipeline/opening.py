@@ -152,6 +152,7 @@ def _shaping(settings: dict[str, object]) -> dict[str, object]:
     References come in after all measuring, and the mission keeps what they say; so does the ground's shape.
     """
     free = {
-        "workers", "scheduler", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers", "dem",
+        "workers", "scheduler", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers",
+        "dem",
     }  # fmt: skip
     return {k: v for k, v in settings.items() if k not in free}

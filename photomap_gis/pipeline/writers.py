@@ -191,7 +191,8 @@ def _worldfile(r: Request, path: Path, on_progress: OnProgress) -> list[Written]
         r.store, path, crs=r.crs if r.solved.georeferenced else None, pixel_size=r.pixel_size, area=r.area,
         quality=r.options.quality, words=r.words, on_progress=on_progress,
     )  # fmt: skip
-    return [_of_grid(Format.WORLDFILE, files[0], r.grid), *(Written(Format.WORLDFILE, f) for f in files[1:])]
+    beside = [Written(Format.WORLDFILE, path.with_name(f.name)) for f in files[1:]]
+    return [_of_grid(Format.WORLDFILE, path, r.grid), *beside]
 
 
 def _geopdf(r: Request, path: Path, on_progress: OnProgress) -> list[Written]:

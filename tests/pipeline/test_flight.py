@@ -17,6 +17,7 @@ from PIL import Image
 
 from photomap_gis.core.errors import DataError, NotGeoreferencedError, OutputError, UsageError
 from photomap_gis.pipeline import Format, MapSettings, export_mission, map_flight
+from photomap_gis.pipeline.formats import DEFAULT_NAMES
 from photomap_gis.simulate.evaluate import evaluate_map
 
 
@@ -69,7 +70,8 @@ def test_every_format_is_written_from_the_mission_alone(flown, mapped, tmp_path)
     frames = folder / "frames.jsonl"
     frames.write_text(frames.read_text().replace(str(flown.photos), "/gone"))
     written = export_mission(folder, list(Format), out=tmp_path / "out")
-    assert sorted(p.name for p in written) == ["layers", "map.kmz", "map.mbtiles", "map.tif", "poses.csv", "tiles"]
+    beside = {"map.pgw", "map.prj"}
+    assert {p.name for p in written} == set(DEFAULT_NAMES.values()) | beside
     assert all(p.exists() for p in written)
     np.testing.assert_array_equal(read_rgba(tmp_path / "out" / "map.tif"), read_rgba(folder / "map.tif"))
 
