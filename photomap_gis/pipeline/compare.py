@@ -40,7 +40,7 @@ from photomap_gis.compare import (
     score_windows,
     scored,
 )
-from photomap_gis.core.errors import DataError, NotGeoreferencedError, UsageError
+from photomap_gis.core.errors import DataError, NotGeoreferencedError, OutputError, UsageError
 from photomap_gis.core.frame import GpsFix
 from photomap_gis.core.grid import MapFrame, MapGrid, Window
 from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
@@ -155,7 +155,10 @@ class CompareOutputs:
         """Return the files for ``-o``: a GeoTIFF (the others beside it), a polygon file, or a folder."""
         if out is None or out.suffix == "" or out.is_dir():
             folder = out or Path()
-            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"{folder} cannot be made: {error.strerror}; choose another folder by -o") from error
             raster = folder / "change.tif"
         elif out.suffix.lower() in (".tif", ".tiff"):
             raster = out
@@ -187,6 +190,8 @@ def compare_maps(
     settings = settings or CompareSettings()
     old_path, new_path = imagery_of(old), imagery_of(new)
     for path in (outputs.raster, outputs.polygons, outputs.picture):
+        if not path.absolute().parent.is_dir():
+            raise OutputError(f"{path} cannot be written: the folder {path.parent} does not exist; create it")
         if path.exists() and any(path.samefile(p) for p in (old_path, new_path)):
             raise UsageError(f"{path} is an input of the comparison: name another file by -o")
     with Imagery(old_path) as before, Imagery(new_path) as after, bounded_cache(), _single_threaded_opencv():
@@ -374,9 +379,7 @@ def _look(laid: LaidPair, *, has_colour: bool) -> Pair:
 @contextlib.contextmanager
 def _drafts(beside: Path) -> Iterator[tuple[Path, Path]]:
     """Yield names for the drafts of score and mask; they vanish at the end."""
-    if not beside.parent.is_dir():
-        raise DataError(f"{beside} cannot be written: the folder {beside.parent} does not exist; create it")
-    with tempfile.TemporaryDirectory(prefix=".photomap-", dir=beside.parent) as scratch:
+    with tempfile.TemporaryDirectory(prefix=".photomap-", dir=beside.absolute().parent) as scratch:
         yield Path(scratch) / "score.tif", Path(scratch) / "mask.tif"
 
 

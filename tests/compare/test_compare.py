@@ -14,7 +14,7 @@ from shapely.geometry import shape
 
 from benchmarks.compare.judge import judge
 from photomap_gis.cli.app import cli
-from photomap_gis.core.errors import DataError, UsageError
+from photomap_gis.core.errors import DataError, OutputError, UsageError
 from photomap_gis.pipeline.compare import CompareOutputs, CompareSettings, compare_maps
 
 
@@ -159,6 +159,10 @@ def test_unusable_inputs_say_what_to_do(tmp_path):
             compare_maps(bad, a, CompareOutputs.of(tmp_path / "c.tif"))
     with pytest.raises(UsageError, match="input of the comparison"):
         compare_maps(a, a, CompareOutputs(a, tmp_path / "c.geojson", tmp_path / "c.png"))
+    with pytest.raises(OutputError, match="does not exist"):
+        compare_maps(a, a, CompareOutputs.of(tmp_path / "nowhere" / "c.tif"))
+    with pytest.raises(OutputError, match="cannot be made"):
+        CompareOutputs.of(a / "folder")
     with pytest.raises(UsageError, match="threshold"):
         CompareSettings(threshold=1.5)
     with pytest.raises(UsageError, match=r"end in \.tif"):
