@@ -11,7 +11,8 @@ from pathlib import Path
 
 from benchmarks.compare.judge import Judged, judge
 from benchmarks.compare.pairs import MIX, KnownPair, known_pair
-from photomap_gis.pipeline.compare import CompareOutputs, compare_maps
+from photomap_gis.pipeline.compare import compare_maps
+from photomap_gis.pipeline.compare_values import CompareOutputs
 from photomap_gis.simulate.season import write_reference
 
 NAMES = (

@@ -11,7 +11,7 @@ import click
 from photomap_gis.cli.progress import ProgressBars
 
 if TYPE_CHECKING:
-    from photomap_gis.pipeline.compare import CompareSummary
+    from photomap_gis.pipeline.compare_values import CompareSummary
 
 
 @click.command(name="compare", short_help="Say what has changed between old imagery and a new map.")
@@ -56,7 +56,8 @@ def command(
     The two are laid on each other first and freed of light and season. The GeoTIFF holds the probability that a pixel
     has changed, 0 to 1, and -1 where either shows nothing.
     """
-    from photomap_gis.pipeline.compare import CompareOutputs, CompareSettings, compare_maps
+    from photomap_gis.pipeline.compare import compare_maps
+    from photomap_gis.pipeline.compare_values import CompareOutputs, CompareSettings
 
     settings = CompareSettings(crs, gsd, threshold, min_area, workers)
     outputs = CompareOutputs.of(output, polygons, picture)

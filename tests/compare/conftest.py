@@ -6,7 +6,8 @@ from typing import NamedTuple
 import pytest
 
 from benchmarks.compare.pairs import KnownPair, Nuisance, known_pair
-from photomap_gis.pipeline.compare import CompareOutputs, CompareSummary, compare_maps
+from photomap_gis.pipeline.compare import compare_maps
+from photomap_gis.pipeline.compare_values import CompareOutputs, CompareSummary
 from photomap_gis.simulate.season import write_reference
 
 OFFSET_M = (3.1, -2.2)

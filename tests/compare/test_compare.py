@@ -15,7 +15,8 @@ from shapely.geometry import shape
 from benchmarks.compare.judge import judge
 from photomap_gis.cli.app import cli
 from photomap_gis.core.errors import DataError, OutputError, UsageError
-from photomap_gis.pipeline.compare import CompareOutputs, CompareSettings, compare_maps
+from photomap_gis.pipeline.compare import compare_maps
+from photomap_gis.pipeline.compare_values import CompareOutputs, CompareSettings
 
 
 def test_what_came_and_went_is_found_and_little_else(compared):
