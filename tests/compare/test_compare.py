@@ -182,3 +182,22 @@ def test_imagery_that_does_not_fit_is_said_to_be_unsure(tmp_path):
     summary = compare_maps(*paths, CompareOutputs.of(tmp_path / "c.tif"))
     assert not summary.registration.sure
     assert any("could not be laid on each other" in w for w in summary.warnings)
+
+
+def test_boxes_on_a_real_orthophoto_are_found_and_nothing_else(shared_data, tmp_path):
+    """Darker, moved by 1.2 m, and with three new boxes: 24, 32 and 9 square metres."""
+    with Image.open(shared_data / "ortho_yellowstone" / "2019_YELL_2_541000_4977000_image_crop.png") as picture:
+        ground = np.asarray(picture.convert("RGB"))
+    new = np.clip(ground * 0.8 + 10.0, 0, 255).astype(np.uint8)
+    for x, y, w, h in ((200, 200, 60, 40), (800, 300, 40, 80), (500, 700, 30, 30)):
+        new[y : y + h, x : x + w] = (200, 60, 40)
+    for name, pixels, west in (("old", ground, 541_000.0), ("new", new, 541_001.2)):
+        height, width = pixels.shape[:2]
+        profile = {"driver": "GTiff", "width": width, "height": height, "count": 3, "dtype": "uint8"}
+        place = rasterio.Affine(0.1, 0, west, 0, -0.1, 4_978_000)
+        with rasterio.open(tmp_path / f"{name}.tif", "w", crs="EPSG:32612", transform=place, **profile) as out:
+            out.write(pixels.transpose(2, 0, 1))
+    summary = compare_maps(tmp_path / "old.tif", tmp_path / "new.tif", CompareOutputs.of(tmp_path / "c.tif"))
+    assert summary.areas == 3
+    assert summary.registration.shift_east_m == pytest.approx(-1.2, abs=0.02)
+    assert summary.changed_m2 == pytest.approx(65.0, rel=0.25)
