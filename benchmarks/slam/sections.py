@@ -26,6 +26,7 @@ from .measure import (
     relative_rmse_m,
     rms,
 )
+from .real import real_flight
 from .whole import whole_case
 from .world import GPS, Flown, Plan, fly, graph_of
 
@@ -251,6 +252,7 @@ SECTIONS: dict[str, Callable[[Options], Section]] = {
     "absolute": absolute,
     "time-offset": time_offset,
     "whole-case": whole_case,
+    "real-flight": real_flight,
 }
 
 
