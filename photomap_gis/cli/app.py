@@ -20,6 +20,8 @@ COMMANDS = {
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, GeoPackage, ATAK, PDF ...",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "reference": "Lay a mission's map on existing imagery.",
+    "compare": "Say what has changed between old imagery and a new map.",
+    "package": "Pack a mission into one file for the incident commander.",
     "plan": "Plan a coverage flight over an area, with proof of what it sees.",
     "convert": "Convert a mission: .plan to .waypoints and back.",
     "upload": "Upload a plan to an autopilot, verify it, restore on failure.",

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 @source_options
 @control_options
 @drawing_options
+@click.option("--scheduler", metavar="tcp://HOST:PORT",
+              help="Register and draw on the workers of this Dask scheduler (extra 'cluster').")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
 def command(
@@ -64,6 +66,7 @@ def command(
     layers: bool | None,
     dem: Path | None,
     workers: int | None,
+    scheduler: str | None,
     memory_mb: int | None,
     gcp: Path | None,
     gcp_crs: str | None,
@@ -82,6 +85,7 @@ def command(
     photomap map DCIM/100MEDIA --reference orthophoto-2019.tif -o flight-1
     photomap map DCIM/100MEDIA -o flight-4 --gcp gcp_list.txt --check every-third
     photomap map DCIM/100MEDIA -o flight-5 --layers --prefer newest
+    photomap map /data/flight -o /data/flight-6 --scheduler tcp://10.0.0.5:8786
 
     MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
     command on the same folder resumes a run that was stopped.
@@ -97,6 +101,7 @@ def command(
         gsd_m_per_px=gsd,
         max_off_nadir_deg=max_off_nadir,
         workers=workers,
+        scheduler=scheduler,
         **({} if memory_mb is None else {"memory_mb": memory_mb}),
         antenna_offset_m=antenna_offset_m(antenna_offset),
         references=tuple(str(r.absolute()) for r in references),

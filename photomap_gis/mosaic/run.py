@@ -6,8 +6,11 @@ import contextlib
 import hashlib
 import logging
 import math
+import pickle
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
@@ -28,7 +31,7 @@ from photomap_gis.mosaic.plan import TileJob, plan_jobs
 from photomap_gis.mosaic.preference import Prefer, costs_of_age, costs_of_detail, detail_m
 from photomap_gis.mosaic.render import RenderedTile, render_tile_and_sources
 from photomap_gis.mosaic.sharpness import blur_of
-from photomap_gis.mosaic.tiles import TileStore
+from photomap_gis.mosaic.tiles import TileStore, write_atomically
 from photomap_gis.mosaic.views import View, all_views_of, views_of
 from photomap_gis.parallel import map_jobs, usable_cpus
 
@@ -56,6 +59,7 @@ def render_mosaic(
     prefer: Prefer = Prefer.NADIR,
     times_s: Mapping[int, float | None] = MappingProxyType({}),
     workers: int | None = None,
+    scheduler: str | None = None,
     memory_mb: int = 512,
     on_progress: Progress | None = None,
 ) -> TileStore:
@@ -67,6 +71,9 @@ def render_mosaic(
     raises ``FrameReadError`` is left out and logged. Tiles that a killed run of the same plan left are kept. About
     ``memory_mb`` are used whatever the map's size, more only where single frames are larger than that.
     ``on_progress(done, total)`` counts frames levelled and tiles rendered.
+
+    With a ``scheduler`` the tiles are rendered by its workers, which open the frames and write the tiles themselves:
+    ``folder`` and what ``read_pixels`` reads must be the same paths there, and ``read_pixels`` picklable.
     """
     wish = _Wish(prefer, costs_of_age({p.frame: times_s.get(p.frame) for p in trajectory.placements}))
     fingerprint = fingerprint_of(views_of(trajectory, wish.known_costs), map_frame, prefer)
@@ -84,12 +91,61 @@ def render_mosaic(
             tile = _render_readable(job, plan, grid, map_frame, frames)
             store.write(job.tile, tile.rgba, tile.source)
 
-        for _ in map_jobs(render, todo, workers=workers):
+        if scheduler is None:
+            rendered = map_jobs(render, todo, workers=workers)
+        else:
+            work = TileWork(trajectory, map_frame, store.folder, plan, read_pixels, scratch, limit_bytes,
+                            frozenset(frames.unreadable))  # fmt: skip
+            rendered = map_jobs(partial(render_there, *work.keep(scratch)), todo, scheduler=scheduler)
+        for _ in rendered:
             done += 1
             if on_progress is not None:
                 on_progress(done, total)
     shutil.rmtree(scratch, ignore_errors=True)
     return store
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TileWork:
+    """All that a worker on another machine needs to render tiles of a plan, but the frames' pixels."""
+
+    trajectory: Trajectory
+    map_frame: CrsFrame
+    folder: Path
+    plan: _Plan
+    read_pixels: ReadPixels
+    scratch: Path
+    limit_bytes: int
+    unreadable: frozenset[int]
+
+    def keep(self, folder: Path) -> tuple[Path, str]:
+        """Write it beside the tiles, once for all jobs; return its path and its digest."""
+        data = pickle.dumps(self)
+        path = folder / "work.pickle"
+        write_atomically(path, data)
+        return path.absolute(), hashlib.sha256(data).hexdigest()
+
+
+def render_there(path: Path, digest: str, job: TileJob) -> None:
+    """Render a tile on the machine where this is called, and write it into the store whole or not at all."""
+    work, store, frames = _workshop(path, digest)
+    with _single_threaded_opencv():
+        tile = _render_readable(job, work.plan, store.grid, work.map_frame, frames)
+    store.write(job.tile, tile.rgba, tile.source)
+
+
+@lru_cache(maxsize=1)
+def _workshop(path: Path, digest: str) -> tuple[TileWork, TileStore, _Frames]:
+    """Open what ``TileWork.keep`` wrote; the frames that a worker has decoded stay with it from job to job."""
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != digest:  # never unpickle what the job does not vouch for
+        raise DataError(f"{path} is not what the job was made with: do the machines share the mission's folder?")
+    work: TileWork = pickle.loads(data)
+    store = TileStore(work.folder)
+    pixel_m = ground_pixel_m(store.grid, work.map_frame)
+    frames = _Frames(work.trajectory, pixel_m, work.read_pixels, work.scratch, work.limit_bytes)
+    frames.unreadable.update(work.unreadable)
+    return work, store, frames
 
 
 def fingerprint_of(views: Sequence[View], map_frame: CrsFrame, prefer: Prefer = Prefer.NADIR) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,7 +15,19 @@ from photomap_gis.pipeline.master import master_frame
 from photomap_gis.pipeline.prepare import read_pixels
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solved import Solved
-from photomap_gis.store import Mission
+from photomap_gis.store import Mission, MissionPaths
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePixels:
+    """Reads a frame's pixels by its number, on whichever machine it is called."""
+
+    paths: MissionPaths
+    refs: Mapping[int, FrameRef]
+
+    def __call__(self, frame: int) -> ImageArray:
+        """Return the frame's raster at full resolution."""
+        return read_pixels(self.paths, self.refs[frame])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +50,7 @@ def draw_maps(mission: Mission, solved: Solved, settings: MapSettings, on_progre
     frame = master_frame(solved.map_frame, settings.crs)
     times_s = _times(solved.frames)
 
-    def pixels(frame: int) -> ImageArray:
-        return read_pixels(mission, refs[frame])
+    pixels = FramePixels(mission.paths, refs)
 
     def draw(number: int, trajectory: Trajectory, segment: int | None) -> DrawnMap:
         grid = plan_grid(trajectory, frame, pixel_size=settings.gsd_m_per_px)
@@ -53,6 +64,7 @@ def draw_maps(mission: Mission, solved: Solved, settings: MapSettings, on_progre
             prefer=settings.prefer or Prefer.NADIR,
             times_s=times_s,
             workers=settings.workers,
+            scheduler=settings.scheduler,
             memory_mb=settings.memory_mb,
             on_progress=partial(on_progress, "render"),
         )

@@ -14,6 +14,7 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.posegraph import PointKind
 from photomap_gis.georef import plane_view
+from photomap_gis.parallel import check_scheduler
 from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.control import (
     ControlRequest,
@@ -82,6 +83,8 @@ def map_flight(
     """
     clock = StageClock()
     read_request(control)
+    if settings is not None and settings.scheduler is not None:
+        check_scheduler(settings.scheduler)  # told before anyone waits
     with clock("ingest"):
         mission, settings = open_mission(
             sources, folder, settings or MapSettings(), add=add, on_progress=on_progress,

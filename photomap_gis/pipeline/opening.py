@@ -72,7 +72,7 @@ def open_mission(
     footage = open_sources(sources, settings.ingest, on_progress=look)
     header = MissionHeader(
         sources=names,
-        settings=_SETTINGS.dump_python(settings, mode="json"),
+        settings=_SETTINGS.dump_python(replace(settings, scheduler=None), mode="json"),  # a scheduler is of one run
         map_frame=_map_frame(footage, settings, with_control=with_control),
         created_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         product=f"photomap {__version__}",
@@ -151,5 +151,8 @@ def _shaping(settings: dict[str, object]) -> dict[str, object]:
 
     References come in after all measuring, and the mission keeps what they say; so does the ground's shape.
     """
-    free = {"workers", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers", "dem"}
+    free = {
+        "workers", "scheduler", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers",
+        "dem",
+    }  # fmt: skip
     return {k: v for k, v in settings.items() if k not in free}

@@ -37,6 +37,7 @@ class MapSettings:
     max_off_nadir_deg: float = 35.0
     work_size_px: int = 512
     workers: int | None = None
+    scheduler: str | None = None
     memory_mb: int = 512
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     references: tuple[str, ...] = ()
