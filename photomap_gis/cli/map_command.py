@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -195,11 +196,16 @@ def describe(summary: MapSummary) -> str:
 
 def words_of(lens: LensRecord) -> str:
     """Return what the flight told of a lens, as a person reads it."""
-    if lens.focal_observed:
+    if lens.focal_observed and math.isclose(lens.focal_px, lens.focal_before_px):
+        sure = f"the flight agrees to {100 * lens.focal_sigma_rel:.2f} %"
+        focal = f"focal length {lens.focal_px:.1f} px as the file says; {sure}"
+    elif lens.focal_observed:
         sure = f"± {100 * lens.focal_sigma_rel:.2f} %"
         focal = f"focal length {lens.focal_px:.1f} px {sure} (file: {lens.focal_before_px:.1f})"
     else:
         focal = f"focal length {lens.focal_px:.1f} px as the file says: not observable in this flight"
+    if lens.k1_observed and lens.k1 == lens.k1_before:
+        return f"{focal}; no other distortion than known, to {lens.k1_sigma:.4f} of k1"
     if lens.k1_observed:
         return f"{focal}; distortion k1 {lens.k1:+.4f} ± {lens.k1_sigma:.4f}"
     return f"{focal}; distortion not observable in this flight"

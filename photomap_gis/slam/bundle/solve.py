@@ -43,6 +43,10 @@ SETTLED_ROUND = 0.2
 """Another round is of no use where the last moved no camera by more than this share of a pixel against the others."""
 OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
+TOLD_APART = 2.0
+"""It is taken where it came out by so many of its sigmas off what was known."""
+HELD_ROUNDS = 5
+"""Rounds after lens numbers were put back."""
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
@@ -106,44 +110,101 @@ def bundle_adjust(problem: BundleProblem) -> Bundle:
         return _adjusted(problem)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stage:
+    """Where the solution is: the problem with its mounts, the state, the ground under it, and what was last solved."""
+
+    problem: BundleProblem
+    state: BundleState
+    ground: HeightField
+    at: _At
+    prior: SpotPrior
+
+
 def _adjusted(asked: BundleProblem) -> Bundle:
-    state = BundleState.start(asked)
-    problem = _with_mounts(asked, state)
-    height = float(np.median(-state.centre[:, 2]))
-    gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
-    free = np.zeros((len(problem.lenses), 2), bool)
-    relief = FIRST_RELIEF * height
-    ground = replace(_on_level(problem, state), sigma=relief)
-    before = _rms(*residuals(problem, state))
-    for round_ in range(ROUNDS):
-        came_from = state.centre
-        prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
-        state, at, equations = _descend(problem, state, prior, free, ground, FIRST_STEPS if round_ == 0 else STEPS)
-        if round_ == 0:
-            free = _observable(problem, state, at, prior)
-        problem = _with_mounts(asked, state)
-        state = _levelled_off(problem, state)
-        if round_ < LEVEL_ROUNDS:
-            continue
-        spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
-        ground = _ground_of(problem, state, spot_sigma, height, gsd)
-        relief = max(ground.sigma, LEAST_RELIEF * height)
-        moved = (state.centre - came_from)[:, :2]
-        if np.abs(moved - np.median(moved, axis=0)).max() < SETTLED_ROUND * gsd:
-            break
-    prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
-    state, at, equations = _descend(problem, state, prior, free, replace(ground, sigma=relief), LAST_STEPS)
-    state, ground = _sized(problem, state, ground)
+    start = BundleState.start(asked)
+    problem = _with_mounts(asked, start)
+    height = float(np.median(-start.centre[:, 2]))
+    ground = replace(_on_level(problem, start), sigma=FIRST_RELIEF * height)
+    before = _rms(*residuals(problem, start))
+    level = _spot_prior(problem, start, ground, bowl=LEVEL_BOWL)
+    none = np.zeros((len(problem.lenses), 2), bool)
+    state, at, _ = _descend(problem, start, level, none, ground, FIRST_STEPS)
+    free = _observable(problem, state, at, level)
+    stage = _Stage(_with_mounts(asked, state), _levelled_off(problem, state), ground, at, level)
+    stage = _rounds(asked, stage, free, ROUNDS, level=LEVEL_ROUNDS)
+    taken = free & _told_apart(stage, free)
+    if (taken != free).any():
+        stage = _rounds(asked, replace(stage, state=_lenses_held(stage, taken)), taken, HELD_ROUNDS, level=0)
+    problem = stage.problem
+    prior = _spot_prior(problem, stage.state, stage.ground, bowl=FREE_BOWL)
+    state, at, _ = _descend(problem, stage.state, prior, taken, stage.ground, LAST_STEPS)
+    state, ground = _sized(problem, state, stage.ground)
+    # what a lens may still be off is part of every sigma, whether its number was taken or not
     H = _believed(problem, state, at, prior, free, ground)
     return Bundle(
         state.centre,
         state.R,
         blocks_of_inverse(H, len(problem.views)),
         tuple(_lens_found(problem, state, free, _lens_sigmas(problem, H))),
-        replace(ground, sigma=relief),
+        ground,
         before,
         _rms(at.found.residual, at.found.valid),
         float(np.mean(at.weight > 0.5)),
+    )
+
+
+def _rounds(asked: BundleProblem, stage: _Stage, free: np.ndarray, count: int, *, level: int) -> _Stage:
+    """Solve, and renew mounts and ground, ``count`` times or until nothing moves; the first ``level`` keep the ground.
+
+    ``free`` ``(L, 2)`` are the lens numbers that may change.
+    """
+    problem, state, ground, at, prior = stage.problem, stage.state, stage.ground, stage.at, stage.prior
+    height = float(np.median(-state.centre[:, 2]))
+    gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
+    for round_ in range(1, count):
+        came_from = state.centre
+        prior = _spot_prior(problem, state, ground, bowl=LEVEL_BOWL if round_ <= level else FREE_BOWL)
+        state, at, equations = _descend(problem, state, prior, free, ground, STEPS)
+        problem = _with_mounts(asked, state)
+        state = _levelled_off(problem, state)
+        if round_ < level:
+            continue
+        spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
+        ground = _ground_of(problem, state, spot_sigma, height, gsd)
+        ground = replace(ground, sigma=max(ground.sigma, LEAST_RELIEF * height))
+        moved = (state.centre - came_from)[:, :2]
+        if np.abs(moved - np.median(moved, axis=0)).max() < SETTLED_ROUND * gsd:
+            break
+    return _Stage(problem, state, ground, at, prior)
+
+
+def _told_apart(stage: _Stage, free: np.ndarray) -> np.ndarray:
+    """Return ``(L, 2)`` which lens numbers came out further from what was known than chance explains.
+
+    The others are left as they were: a distortion of half its sigma bows the ground for nothing.
+    """
+    problem, state = stage.problem, stage.state
+    try:
+        H = _believed(problem, state, stage.at, stage.prior, free, stage.ground)
+        sigma = _lens_sigmas(problem, H)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(free)
+    focal = np.log([lens.focal_px for lens in problem.lenses])
+    k1 = np.array([lens.camera.k1 for lens in problem.lenses])
+    off = np.stack([state.log_focal - focal, state.k1 - k1], axis=1)
+    return np.asarray(np.abs(off) > TOLD_APART * sigma)
+
+
+def _lenses_held(stage: _Stage, taken: np.ndarray) -> BundleState:
+    """Return the state, lens numbers that are not ``taken`` as they were known."""
+    problem, state = stage.problem, stage.state
+    focal = np.log([lens.focal_px for lens in problem.lenses])
+    k1 = np.array([lens.camera.k1 for lens in problem.lenses])
+    return replace(
+        state,
+        log_focal=np.where(taken[:, 0], state.log_focal, focal),
+        k1=np.where(taken[:, 1], state.k1, k1),
     )
 
 
@@ -209,14 +270,12 @@ def _cost(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior)
     return float(np.einsum("mi,mij,mj->", r, at.information, r)) + prior_cost(problem, state, prior)
 
 
-def _spot_prior(
-    problem: BundleProblem, state: BundleState, ground: HeightField, relief: float, *, bowl: float
-) -> SpotPrior:
+def _spot_prior(problem: BundleProblem, state: BundleState, ground: HeightField, *, bowl: float) -> SpotPrior:
     """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
 
     The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides.
     """
-    xy = _spots_xy(problem, state)
+    xy, relief = _spots_xy(problem, state), ground.sigma
     z = -ground.at(xy)
     off2 = ((state.z - z) / relief) ** 2
     lens = np.zeros(problem.ties.spots, np.intp)

@@ -182,6 +182,18 @@ def test_over_flat_ground_the_focal_length_of_nadir_frames_cannot_be_told(rng):
     assert lens.camera.focal_px == pytest.approx(1200.0, rel=1e-9), "what cannot be told stays as it was"
 
 
+def test_what_chance_explains_is_not_taken_and_stays_part_of_the_sigmas():
+    """A right lens is left as it is; that it could be off a little is not forgotten."""
+    held = 0
+    for seed in range(4):
+        world = make_world(np.random.default_rng(seed), strips=4)
+        found = bundle_adjust(world.problem)
+        lens = found.lenses[0]
+        assert lens.k1_observed and 0.0 < lens.k1_sigma < 0.015
+        held += lens.camera.k1 == 0.0
+    assert held >= 3, "four sigmas of two"
+
+
 def test_false_ties_do_not_bend_the_map(rng):
     clean = make_world(np.random.default_rng(3))
     spoilt = make_world(np.random.default_rng(3), false_share=0.15)
