@@ -18,7 +18,6 @@ from photomap_gis.core.posegraph import EdgeKind, PoseGraph, Solution
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.georef import observe
 from photomap_gis.ifmi import Prior, Spectrum, make_spectrum, register
-from photomap_gis.parallel import map_jobs, usable_cpus
 from photomap_gis.simulate import procedural_scene
 from photomap_gis.slam import GraphBuilder, solve
 from photomap_gis.slam.candidates import Candidate, candidates
@@ -57,7 +56,7 @@ def whole_case(options: Options) -> Section:
     pairs = PAIRS * frames // FRAMES
 
     start = time.perf_counter()
-    chain = list(map_jobs(lambda p: register(pictures.spectra[p[0]], pictures.spectra[p[1]]), pairwise(range(frames))))
+    chain = [register(pictures.spectra[a], pictures.spectra[b]) for a, b in pairwise(range(frames))]
     track = _solved(chain, [], pictures, refs)
     chained_s = time.perf_counter() - start
     options.on_progress(1, 3)
@@ -90,7 +89,7 @@ def whole_case(options: Options) -> Section:
             Figure("relative RMSE, sequential and GPS alone", _exact(errors[0]), n, "m"),
         ),
         notes=(
-            f"{frames} frames of {SIDE_PX} px, wall time, {usable_cpus()} cores, spectra cached; accepted: "
+            f"{frames} frames of {SIDE_PX} px, wall time, one core, spectra cached; accepted: "
             f"{accepted[0]} of {len(chain)} sequential pairs, {accepted[1]} of {len(first_loops)} loops of the first "
             f"map, {accepted[2]} of {len(loops)} of all. Sequential registration ({chained_s:.1f} s with its solution) "
             "counts in both times. Pixels on the ground are "
@@ -127,14 +126,14 @@ def _loops(solution: Solution, pictures: Pictures, per_frame: int) -> list[Candi
 
 
 def _register(loops: Sequence[Candidate], pictures: Pictures) -> list[Registration]:
-    """Register loops from cached spectra, each with its predicted motion as a prior, on all cores."""
+    """Register loops from cached spectra, each with its predicted motion as a prior, as the product does: in turn."""
 
     def measure(c: Candidate) -> Registration:
         T = pictures.T_plane_work.inverse() @ c.T_a_b @ pictures.T_plane_work
         prior = Prior(T, 15.0, 0.05, 0.05)
         return register(pictures.spectra[c.a], pictures.spectra[c.b], prior=prior, fallback=False)
 
-    return list(map_jobs(measure, loops))
+    return [measure(c) for c in loops]
 
 
 def _solved(

@@ -18,7 +18,7 @@ from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.ifmi import Prior, register
-from photomap_gis.parallel import map_jobs
+from photomap_gis.parallel import ExecutorName, map_jobs
 from photomap_gis.pipeline.prepare import SpectrumShelf
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.slam.candidates import Candidate, candidates
@@ -197,7 +197,7 @@ class Measurements:
         return cluster.only(f for f in cluster.poses if self.prepared[f].usable)
 
     def _take(self, pairs: Sequence[Pair], stage: str, *, again: bool = False) -> int:
-        """Register pairs in threads and journal each result; return how many were accepted.
+        """Register pairs and journal each result; return how many were accepted.
 
         Pairs that this run has tried are left out unless they are to be tried ``again``.
         """
@@ -205,7 +205,10 @@ class Measurements:
         known = [left.popleft() if (left := self._earlier.get(_key(p.a, p.b))) else None for p in todo]
         new = [p for p, record in zip(todo, known, strict=True) if record is None]
         if self._settings.scheduler is None:
-            measured = map_jobs(self._measure, new, workers=self._settings.workers)
+            # A registration by spectra is many short calls: two threads hand Python's lock to and fro and take half as
+            # long again as one. Features are few long calls.
+            executor: ExecutorName = "threads" if any(p.fallback for p in new) else "serial"
+            measured = map_jobs(self._measure, new, executor=executor, workers=self._settings.workers)
         else:
             there = partial(measure_there, self._mission.paths, self._run)
             measured = map_jobs(there, new, scheduler=self._settings.scheduler)
