@@ -19,6 +19,7 @@ COMMANDS = {
     "georeference": "Give a map its place by picked points, or nudge it.",
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, MBTiles, poses.",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
+    "serve": "Show a mission's map in a browser; tiles and WMTS for QGIS and ArcGIS.",
     "reference": "Lay a mission's map on existing imagery.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",
