@@ -63,7 +63,7 @@ def command(
             click.echo(url)
             _teach(server.url, token, georeferenced=served.get(None).current().view.georeferenced)
             if not is_built():
-                click.echo("the page was not built: run 'python -m photomap_gis.server.web.build'", err=True)
+                click.echo("this version has no map page yet: use the tiles or WMTS in a GIS", err=True)
         if open_browser:
             webbrowser.open(url)
 

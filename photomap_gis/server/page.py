@@ -18,8 +18,7 @@ _POLICY = (
 NOT_BUILT = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>photomap</title>
 <body style="font:16px/1.5 system-ui;max-width:40em;margin:3em auto;padding:0 1em">
 <h1>The page was not built</h1>
-<p>photomap was installed where npm could not be run, so the map page is missing; tiles, WMTS and GeoJSON work.</p>
-<p>With a network, run <code>python -m photomap_gis.server.web.build</code> and load this page again.</p>
+<p>This version has no map page yet; tiles, WMTS and GeoJSON work.</p>
 <p>Meanwhile: <a href="missions">missions</a>, <a href="wmts.xml">WMTS capabilities</a>,
 <a href="tiles.json">TileJSON</a>.</p>"""
 
