@@ -275,6 +275,21 @@ class Journal(Generic[T]):
         return file
 
 
+@dataclass(frozen=True, slots=True)
+class MissionPaths:
+    """Where a mission keeps its pictures: all that a worker on another machine needs to know of it."""
+
+    folder: Path
+
+    def work_image_path(self, frame: int) -> Path:
+        """Where a frame's working image lies."""
+        return self.folder / "cache" / "working" / f"{frame:06d}.png"
+
+    def video_frame_path(self, frame: int) -> Path:
+        """Where a frame taken out of a video lies."""
+        return self.folder / "cache" / "frames" / f"{frame:06d}.jpg"
+
+
 class Mission:
     """A mission folder and its single writer; use it as a context manager."""
 
@@ -394,13 +409,18 @@ class Mission:
         except (ValidationError, OSError) as error:
             raise DataError(f"{path} is damaged: delete it and give the control points again by --gcp") from error
 
+    @property
+    def paths(self) -> MissionPaths:
+        """Where its pictures lie, wherever it is opened."""
+        return MissionPaths(self.folder.absolute())
+
     def work_image_path(self, frame: int) -> Path:
         """Where a frame's working image lies."""
-        return self.folder / "cache" / "working" / f"{frame:06d}.png"
+        return self.paths.work_image_path(frame)
 
     def video_frame_path(self, frame: int) -> Path:
         """Where a frame taken out of a video lies."""
-        return self.folder / "cache" / "frames" / f"{frame:06d}.jpg"
+        return self.paths.video_frame_path(frame)
 
     def mosaic_folder(self, segment: int = 0) -> Path:
         """Where a map's tiles lie; segments beyond the first occur in maps without GPS only."""

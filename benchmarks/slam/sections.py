@@ -26,6 +26,8 @@ from .measure import (
     relative_rmse_m,
     rms,
 )
+from .real import real_flight
+from .whole import whole_case
 from .world import GPS, Flown, Plan, fly, graph_of
 
 TILT_RAD = np.radians(0.7)
@@ -249,6 +251,8 @@ SECTIONS: dict[str, Callable[[Options], Section]] = {
     "false-loops": false_loops,
     "absolute": absolute,
     "time-offset": time_offset,
+    "whole-case": whole_case,
+    "real-flight": real_flight,
 }
 
 

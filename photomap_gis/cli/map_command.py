@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from photomap_gis.cli.control_options import control_options, control_request
+from photomap_gis.cli.drawing_options import drawing_options
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.source_options import ingest_options, source_options
 from photomap_gis.core.errors import UsageError
@@ -42,11 +44,13 @@ if TYPE_CHECKING:
     metavar="M",
     help="How far that imagery may be off, one sigma; default: one of its pixels.",
 )
+@click.option("--dem", type=click.Path(path_type=Path), metavar="FILE",
+              help="Heights of the ground (GeoTIFF); default: found from the pictures.")  # fmt: skip
 @source_options
 @control_options
-@click.option("--workers", type=click.IntRange(1), help="Threads; default: one a processor.")
-@click.option("--memory", "memory_mb", type=click.IntRange(128), default=512, show_default=True, metavar="MB",
-              help="Memory for pictures while rendering.")  # fmt: skip
+@drawing_options
+@click.option("--scheduler", metavar="tcp://HOST:PORT",
+              help="Register and draw on the workers of this Dask scheduler (extra 'cluster').")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
 def command(
@@ -59,8 +63,12 @@ def command(
     antenna_offset: str | None,
     references: tuple[Path, ...],
     reference_sigma: float | None,
+    prefer: str | None,
+    layers: bool | None,
+    dem: Path | None,
     workers: int | None,
-    memory_mb: int,
+    scheduler: str | None,
+    memory_mb: int | None,
     gcp: Path | None,
     gcp_crs: str | None,
     check: str | None,
@@ -77,10 +85,13 @@ def command(
     photomap map --add flight-1 SECOND_CARD
     photomap map DCIM/100MEDIA --reference orthophoto-2019.tif -o flight-1
     photomap map DCIM/100MEDIA -o flight-4 --gcp gcp_list.txt --check every-third
+    photomap map DCIM/100MEDIA -o flight-5 --layers --prefer newest
+    photomap map /data/flight -o /data/flight-6 --scheduler tcp://10.0.0.5:8786
 
     MISSION then holds map.tif (cloud-optimised GeoTIFF), map.kmz and all that is needed to export again. The same
     command on the same folder resumes a run that was stopped.
     """
+    from photomap_gis.mosaic import Prefer
     from photomap_gis.pipeline import MapSettings, map_flight
 
     if (mission is None) == (add is None):
@@ -91,10 +102,14 @@ def command(
         gsd_m_per_px=gsd,
         max_off_nadir_deg=max_off_nadir,
         workers=workers,
-        memory_mb=memory_mb,
+        scheduler=scheduler,
+        **({} if memory_mb is None else {"memory_mb": memory_mb}),
         antenna_offset_m=antenna_offset_m(antenna_offset),
         references=tuple(str(r.absolute()) for r in references),
         reference_sigma_m=reference_sigma,
+        prefer=None if prefer is None else Prefer(prefer),
+        layers=layers,
+        dem=None if dem is None else str(dem.absolute()),
     )
     folder = add or mission
     assert folder is not None  # told apart above
@@ -147,8 +162,8 @@ def describe(summary: MapSummary) -> str:
     lines.append(f"matches    {summary.registrations['sequential']} from frame to frame, "
                  f"{summary.registrations['loop']} across; {summary.segments} connected piece(s)")  # fmt: skip
     unit = "m" if summary.georeferenced else "units"
-    west, south, east, north = summary.bounds
-    lines.append(f"extent     {east - west:.1f} x {north - south:.1f} {unit}"
+    width, height = summary.size_m
+    lines.append(f"extent     {width:.1f} x {height:.1f} {unit}"
                  + (f", {summary.area_m2 / 1e4:.2f} ha seen" if summary.area_m2 is not None else "")
                  + (f", {summary.crs}" if summary.crs else ""))  # fmt: skip
     lines.append(f"pixel      {summary.gsd_m_per_px * (100 if summary.georeferenced else 1):.2f} "
@@ -181,11 +196,16 @@ def describe(summary: MapSummary) -> str:
 
 def words_of(lens: LensRecord) -> str:
     """Return what the flight told of a lens, as a person reads it."""
-    if lens.focal_observed:
+    if lens.focal_observed and math.isclose(lens.focal_px, lens.focal_before_px):
+        sure = f"the flight agrees to {100 * lens.focal_sigma_rel:.2f} %"
+        focal = f"focal length {lens.focal_px:.1f} px as the file says; {sure}"
+    elif lens.focal_observed:
         sure = f"± {100 * lens.focal_sigma_rel:.2f} %"
         focal = f"focal length {lens.focal_px:.1f} px {sure} (file: {lens.focal_before_px:.1f})"
     else:
         focal = f"focal length {lens.focal_px:.1f} px as the file says: not observable in this flight"
+    if lens.k1_observed and lens.k1 == lens.k1_before:
+        return f"{focal}; no other distortion than known, to {lens.k1_sigma:.4f} of k1"
     if lens.k1_observed:
         return f"{focal}; distortion k1 {lens.k1:+.4f} ± {lens.k1_sigma:.4f}"
     return f"{focal}; distortion not observable in this flight"

@@ -10,11 +10,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
+
+
+@lru_cache(maxsize=1024)
+def _fold_radius(k1: float, k2: float, k3: float) -> float:
+    slope = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])  # in the squared radius
+    real = slope[(np.abs(slope.imag) < 1e-9) & (slope.real > 0.0)].real
+    return math.sqrt(float(real.min())) if len(real) else math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +77,7 @@ class Camera:
 
         Nothing beyond it is seen by the camera, whatever ``distort`` says.
         """
-        slope = np.roots([7.0 * self.k3, 5.0 * self.k2, 3.0 * self.k1, 1.0])  # in the squared radius
-        real = slope[(np.abs(slope.imag) < 1e-9) & (slope.real > 0.0)].real
-        return math.sqrt(float(real.min())) if len(real) else math.inf
+        return _fold_radius(self.k1, self.k2, self.k3)
 
     def distort(self, normalised: npt.ArrayLike) -> FloatArray:
         """Apply radial distortion to ``(N, 2)`` ideal image coordinates (focal length 1)."""

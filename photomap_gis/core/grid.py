@@ -9,12 +9,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
+
+
+class CrsFrame(Protocol):
+    """The two-way road between the internal map frame and the CRS of a raster."""
+
+    @property
+    def crs_wkt(self) -> str | None:
+        """The raster's CRS; ``None`` for a relative map."""
+        ...
+
+    def to_crs(self, xy_map_m: npt.ArrayLike) -> FloatArray:
+        """Map ``(N, 2)`` internal points to the CRS, east before north."""
+        ...
+
+    def from_crs(self, en: npt.ArrayLike) -> FloatArray:
+        """Map ``(N, 2)`` points of the CRS to internal points."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +89,7 @@ class MapGrid:
             raise ValueError("pixel_size, width, height and tile_size must be positive")
 
     @classmethod
-    def covering(cls, en_m: npt.ArrayLike, frame: MapFrame, *, pixel_size: float, tile_size: int = 512) -> MapGrid:
+    def covering(cls, en_m: npt.ArrayLike, frame: CrsFrame, *, pixel_size: float, tile_size: int = 512) -> MapGrid:
         """Return the smallest grid over ``(N, 2)`` eastings, northings whose corners are whole multiples of a pixel."""
         p = np.asarray(en_m, dtype=np.float64)
         west, south = (math.floor(v / pixel_size) for v in p.min(axis=0))
@@ -125,3 +142,19 @@ class MapGrid:
         """Map ``(N, 2)`` points of the CRS to pixel-centre coordinates."""
         p = np.asarray(xy_crs, dtype=np.float64)
         return (p - (self.west, self.north)) / (self.pixel_size, -self.pixel_size) - 0.5
+
+
+def ground_pixel_m(grid: MapGrid, frame: CrsFrame) -> float:
+    """Return the side of a pixel on the ground at the grid's middle: its size in a CRS in metres true to scale."""
+    return grid.pixel_size * ground_per_unit(grid.to_crs([[grid.width / 2.0, grid.height / 2.0]])[0], frame)
+
+
+def ground_per_unit(en: npt.ArrayLike, frame: CrsFrame) -> float:
+    """Return how many metres of the internal frame a unit of the CRS is at a ``(2,)`` point (root of the area)."""
+    if isinstance(frame, MapFrame):
+        return 1.0
+    p = np.asarray(en, dtype=np.float64)
+    step = 1e-6 * max(1.0, float(np.abs(p).max()))
+    q = frame.from_crs(p + np.array([[-step, 0.0], [step, 0.0], [0.0, -step], [0.0, step]]))
+    (a, b), (c, d) = (q[1] - q[0]) / (2.0 * step), (q[3] - q[2]) / (2.0 * step)
+    return math.sqrt(abs(float(a * d - b * c)))

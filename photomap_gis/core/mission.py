@@ -16,12 +16,29 @@ class Autopilot(StrEnum):
     PX4 = "px4"
 
 
+_PLACES = (16, 17, 18, 19, 21, 22, 31, 34, 80, 82, 84, 85, 94)  # waypoints, loiters, landing, take-off, orbit
+_POINTED_AT = (
+    179,
+    188,
+    189,
+    192,
+    195,
+    201,
+    4501,
+)  # home, starts of return and landing, reposition, regions of interest
+_FENCE_AND_RALLY = (5000, 5001, 5002, 5003, 5004, 5100)
+PLACED_COMMANDS = frozenset((*_PLACES, *_POINTED_AT, *_FENCE_AND_RALLY))
+"""The ``MAV_CMD`` whose param5 and param6 are a latitude and a longitude: on the wire degrees x 1e7. Those of all other
+commands are plain numbers there (DO_DIGICAM_CONTROL's param5 of 1 is "shoot", not a ten-millionth of a degree)."""
+
+
 @dataclass(frozen=True, slots=True)
 class MissionItem:
     """One item: ``command`` is a ``MAV_CMD``, ``frame`` a ``MAV_FRAME``.
 
-    ``params`` are param1 to param4 (NaN: the vehicle decides). ``x`` and ``y`` are latitude and longitude in degrees
-    where the command has a place, else 0; ``z`` is metres in the item's frame.
+    ``params`` are param1 to param4 (NaN: the vehicle decides). ``x``, ``y`` and ``z`` are param5 to param7: latitude
+    and longitude in degrees and metres in the item's frame where the command is one of ``PLACED_COMMANDS``, else plain
+    numbers.
     """
 
     command: int

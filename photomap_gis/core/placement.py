@@ -166,6 +166,14 @@ class FramePlacement:
         return self.camera_to_map.project(self.centre_xy_px)[0]
 
     @property
+    def plumb_xy_map_m(self) -> FloatArray | None:
+        """``(2,)`` the point straight below the camera as far as its lean is known; ``None`` for other models."""
+        where = self.camera_to_map
+        if isinstance(where, PosedPlacement):
+            return np.asarray(where.centre_map[:2], dtype=np.float64)
+        return where.T_map_plane.apply(np.zeros((1, 2)))[0] if isinstance(where, PlanePlacement) else None
+
+    @property
     def gsd_m_per_px(self) -> float:
         """Ground sampling distance at the raster's centre (root of the area of a pixel)."""
         return float(np.sqrt(abs(np.linalg.det(self.camera_to_map.jacobian(self.centre_xy_px)[0]))))

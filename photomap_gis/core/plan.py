@@ -43,6 +43,7 @@ class CameraTrigger:
 class Waypoint:
     """A place to fly to. ``trigger`` holds from here on until the next waypoint; None is camera off.
 
+    ``speed_m_s`` and ``gimbal_pitch_deg`` (-90: straight down) hold from here on until a waypoint says another.
     ``heading_deg`` is where the nose points, clockwise from north (None: along the path).
     """
 
@@ -92,4 +93,6 @@ class SurveyPlan:
     pattern: str
     home: tuple[float, float] | None = None
     """(latitude, longitude) of the take-off place in degrees."""
+    home_alt_amsl_m: float | None = None
+    """The ground's height at the take-off place above mean sea level, metres (None: not known)."""
     warnings: tuple[str, ...] = ()

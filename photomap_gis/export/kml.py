@@ -14,6 +14,7 @@ import shutil
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import cast
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
@@ -22,13 +23,15 @@ import numpy as np
 from photomap_gis.core.errors import OutputError, UsageError
 from photomap_gis.core.grid import Window
 from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.crs import WGS84, bounds_in, needs_place, parse_crs, same_crs
-from photomap_gis.export.encode import TileFormat, encode, in_threads
+from photomap_gis.export.encode import TileChoice, TileFormat, encode
 from photomap_gis.export.pixel_grid import AffineGrid
 from photomap_gis.export.pixels import Rgba
 from photomap_gis.export.publish import file_in_place_of, folder_in_place_of
 from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
-from photomap_gis.export.warp import Resampler, pixel_steps
+from photomap_gis.export.warp import Resampler, ground_pixel_m, pixel_steps
+from photomap_gis.export.words import MapWords
 
 _TILE_PX = 256
 _MIN_LOD_PX = 128
@@ -38,29 +41,29 @@ _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.
 
 OnProgress = Callable[[int, int], None]
 Put = Callable[[str, bytes], None]
+_NO_WORDS = MapWords()
 
 
 def write_kmz(
     source: TileSource,
     path: Path | str,
     *,
-    name: str = "photomap",
-    description: str = "",
-    when: str | None = None,
+    gsd_m: float | None = None,
+    area: Area | None = None,
+    words: MapWords = _NO_WORDS,
+    quality: int | None = None,
     on_progress: OnProgress | None = None,
 ) -> int:
     """Write the superoverlay and return how many tiles it holds.
 
     A ``.kmz`` is one archive; a ``.kml`` is a file with a folder of the same name beside it. Tiles with a border are
-    PNG (alpha), the others JPEG. ``when`` (ISO 8601) is told in the description, not as a KML time: a time slider
-    would hide the map.
+    PNG (alpha), the others JPEG of ``quality``. ``gsd_m`` is the finest level's pixel on the ground. The date is told
+    in the description, not as a KML time: a time slider would hide the map.
     """
     path = Path(path).absolute()
     if path.suffix.lower() not in (".kmz", ".kml"):
         raise UsageError(f"{path.name} must end in .kmz or .kml")
-    plan = _plan(source)
-    if when:
-        description = f"{description}\nImagery of {when}".strip()
+    plan = _plan(clipped(source, area), gsd_m, area)
     if path.suffix.lower() == ".kml":
         # Readers differ on escapes in links: a plain name needs none.
         folder = f"{re.sub(r'[^A-Za-z0-9-]+', '_', path.stem).strip('_') or 'map'}_files"
@@ -68,25 +71,27 @@ def write_kmz(
             folder_in_place_of(path.parent / folder, ours=lambda f: (f / "0" / "0" / "0.kml").is_file()) as fresh,
             file_in_place_of(path, lambda p: _check_kml(p.read_bytes(), path)) as temporary,
         ):
-            count = _write(plan, _put_file(fresh), folder, name, description, on_progress)
+            count = _write(plan, _put_file(fresh), folder, words, quality, on_progress)
             shutil.move(fresh / "doc.kml", temporary)
         return count
     with (
         file_in_place_of(path, lambda p: _check_kmz(p, path, count)) as temporary,
         zipfile.ZipFile(temporary, "w", allowZip64=True) as archive,
     ):
-        count = _write(plan, _put_in(archive), "tiles", name, description, on_progress)
+        count = _write(plan, _put_in(archive), "tiles", words, quality, on_progress)
     return count
 
 
-def _plan(source: TileSource) -> Pyramid:
+def _plan(source: TileSource, gsd_m: float | None, area: Area | None) -> Pyramid:
     """Return the quad tree: its root holds the whole map, its leaves have the map's own resolution along both axes."""
     crs = needs_place(source.grid.crs_wkt, "KML")
     wgs84 = parse_crs(WGS84).to_wkt()
     box = source.grid.bounds if same_crs(crs, wgs84) else bounds_in(source.grid.bounds, crs, wgs84)
-    west, south, east, north = box
+    west, south, east, north = box if area is None else area.cut(box, wgs84)  # type: ignore[arg-type]
     # Degrees of longitude are shorter than those of latitude: pixels square on the ground are not so in degrees.
     step_x, step_y = pixel_steps(source.grid, wgs84)
+    if gsd_m is not None:
+        step_x, step_y = (v * gsd_m / ground_pixel_m(source.grid) for v in (step_x, step_y))
     width, height = math.ceil((east - west) / step_x - 1e-6), math.ceil((north - south) / step_y - 1e-6)
     levels = max(0, math.ceil(math.log2(max(width, height) / _TILE_PX)))
     side = _TILE_PX << levels
@@ -95,42 +100,38 @@ def _plan(source: TileSource) -> Pyramid:
     return Pyramid(resampler, Window(0, 0, max(1, width), max(1, height)), levels, 0, None, _TILE_PX)
 
 
-def _write(plan: Pyramid, put: Put, folder: str, name: str, description: str, on_progress: OnProgress | None) -> int:
+def _write(
+    plan: Pyramid, put: Put, folder: str, words: MapWords, quality: int | None, on_progress: OnProgress | None
+) -> int:
     """Put doc.kml, then every tile's picture and KML; return the number of tiles."""
     root = TileKey(0, 0, 0)
     # doc.kml must come first and names only what is known beforehand.
-    put("doc.kml", _document(plan, root, folder, name, description))
+    put("doc.kml", _document(plan, root, folder, words))
     prefix = "" if folder != "tiles" else "tiles/"
     preview_zoom = min(plan.max_zoom, int(math.log2(_PREVIEW_TILES)))
     preview = np.zeros((_TILE_PX << preview_zoom, _TILE_PX << preview_zoom, 4), np.uint8)
     shown: dict[TileKey, list[TileKey]] = {}
-    total, done, count = plan.leaf_count, 0, 0
-    for tile, tile_format, data in in_threads(_encoded, plan.tiles()):
-        key = tile.key
+    count = 0
+
+    def made(tile: Tile) -> tuple[TileKey, TileFormat, bytes, Rgba | None]:
+        tile_format = TileChoice.MIXED.of(tile.rgba)
+        kept = tile.rgba if tile.key.zoom == preview_zoom else None
+        return tile.key, tile_format, encode(tile.rgba, tile_format, quality), kept
+
+    for key, tile_format, data, rgba in plan.made(made, on_progress):
         count += 1
         stem = f"{prefix}{key.zoom}/{key.x}/{key.y}"
         put(f"{stem}.{tile_format.value}", data)
         put(f"{stem}.kml", _tile_kml(plan, key, f"{key.y}.{tile_format.value}", shown.pop(key, [])))
         if key.zoom:
             shown.setdefault(TileKey(key.zoom - 1, key.x // 2, key.y // 2), []).append(key)
-        if key.zoom == preview_zoom:
+        if rgba is not None:
             n = _TILE_PX
-            preview[key.y * n : (key.y + 1) * n, key.x * n : (key.x + 1) * n] = tile.rgba
-        if key.zoom == plan.max_zoom and on_progress is not None:
-            done += 1
-            on_progress(min(done, total), total)
+            preview[key.y * n : (key.y + 1) * n, key.x * n : (key.x + 1) * n] = rgba
     if count == 0:
         raise OutputError("the KML was not written: the map shows nothing")
     put(f"{prefix}overview.png", encode(_cut_to(plan, preview, preview_zoom), TileFormat.PNG))
-    if on_progress is not None:
-        on_progress(total, total)
     return count
-
-
-def _encoded(tile: Tile) -> tuple[Tile, TileFormat, bytes]:
-    opaque = bool((tile.rgba[..., 3] == 255).all())
-    tile_format = TileFormat.JPG if opaque else TileFormat.PNG
-    return tile, tile_format, encode(tile.rgba, tile_format)
 
 
 def _cut_to(plan: Pyramid, preview: Rgba, zoom: int) -> Rgba:
@@ -150,7 +151,7 @@ def _box(plan: Pyramid, col: float, row: float, width: float, height: float) -> 
 
 
 def _grid(plan: Pyramid) -> AffineGrid:
-    return plan.resampler.grid  # type: ignore[return-value]
+    return cast(AffineGrid, cast(Resampler, plan.resampler).grid)
 
 
 def _tile_box(plan: Pyramid, key: TileKey) -> tuple[float, float, float, float]:
@@ -158,7 +159,7 @@ def _tile_box(plan: Pyramid, key: TileKey) -> tuple[float, float, float, float]:
     return _box(plan, key.x * span, key.y * span, span, span)
 
 
-def _document(plan: Pyramid, root: TileKey, folder: str, name: str, description: str) -> bytes:
+def _document(plan: Pyramid, root: TileKey, folder: str, words: MapWords) -> bytes:
     zoom = min(plan.max_zoom, int(math.log2(_PREVIEW_TILES)))
     width, height = _preview_size(plan, zoom)
     shrink = 1 << (plan.max_zoom - zoom)
@@ -166,7 +167,8 @@ def _document(plan: Pyramid, root: TileKey, folder: str, name: str, description:
     west, south, east, north = _box(plan, 0, 0, plan.extent.width, plan.extent.height)
     range_m = max(200.0, 1.2 * math.radians(north - south) * 6378137.0)
     return (
-        f"{_HEAD}<Document>\n<name>{escape(name)}</name>\n<description>{escape(description)}</description>\n<open>1</open>\n"
+        f"{_HEAD}<Document>\n<name>{escape(words.title)}</name>\n"
+        f"<description>{escape(words.paragraph)}</description>\n<open>1</open>\n{_extended_data(words)}"
         f"<LookAt><longitude>{(west + east) / 2:.10f}</longitude><latitude>{(south + north) / 2:.10f}</latitude>"
         f"<altitude>0</altitude><heading>0</heading><tilt>0</tilt><range>{range_m:.1f}</range></LookAt>\n"
         f"<GroundOverlay>\n<name>overview</name>\n<drawOrder>0</drawOrder>\n"
@@ -175,6 +177,13 @@ def _document(plan: Pyramid, root: TileKey, folder: str, name: str, description:
         f"{_network_link(_tile_box(plan, root), f'{folder}/0/0/0.kml', 'tiles', 0)}"
         "</Document>\n</kml>\n"
     ).encode()
+
+
+def _extended_data(words: MapWords) -> str:
+    rows = "".join(
+        f'<Data name="{escape(key)}"><value>{escape(value)}</value></Data>\n' for key, value in words.pairs.items()
+    )
+    return f"<ExtendedData>\n{rows}</ExtendedData>\n" if rows else ""
 
 
 def _tile_kml(plan: Pyramid, key: TileKey, image: str, children: list[TileKey]) -> bytes:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import sqlite3
-from collections.abc import Iterator
 from pathlib import Path
 
 from photomap_gis.core.errors import OutputError
 from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.area import Area, clipped
+from photomap_gis.export.encode import parse_tile_choice
 from photomap_gis.export.publish import file_in_place_of
-from photomap_gis.export.tiles import parse_tile_format
+from photomap_gis.export.sqlite import new_database
 from photomap_gis.export.webtiles import OnProgress, plan_web_tiles
+from photomap_gis.export.words import MapWords
 
 _APPLICATION_ID = 0x4D504258  # "MPBX", MBTiles' mark in SQLite's header
+_NO_WORDS = MapWords()
 _SCHEMA = """
 CREATE TABLE metadata (name text NOT NULL, value text);
 CREATE TABLE tiles (zoom_level integer NOT NULL, tile_column integer NOT NULL, tile_row integer NOT NULL,
@@ -31,10 +33,11 @@ def write_mbtiles(
     *,
     min_zoom: int | None = None,
     max_zoom: int | None = None,
+    gsd_m: float | None = None,
+    area: Area | None = None,
     image_format: str = "auto",
-    name: str = "photomap",
-    description: str = "",
-    attribution: str = "",
+    quality: int | None = None,
+    words: MapWords = _NO_WORDS,
     on_progress: OnProgress | None = None,
 ) -> int:
     """Write the MBTiles file and return how many tiles it holds.
@@ -43,51 +46,39 @@ def write_mbtiles(
     are counted from the **south** (TMS).
     """
     path = Path(path).absolute()
-    tile_format = parse_tile_format(image_format)
-    plan = plan_web_tiles(source, "MBTiles", min_zoom=min_zoom, max_zoom=max_zoom)
+    choice = parse_tile_choice(image_format, mixed=False)
+    plan = plan_web_tiles(
+        clipped(source, area), "MBTiles", min_zoom=min_zoom, max_zoom=max_zoom, gsd_m=gsd_m, area=area
+    )
     lon, lat, zoom = plan.centre
     metadata = {
-        "name": name,
-        "format": tile_format.value,
+        "name": words.title,
+        "format": choice.value,
         "bounds": ",".join(f"{v:.12f}" for v in plan.bounds_deg),
         "center": f"{lon:.10f},{lat:.10f},{zoom}",
         "minzoom": str(plan.min_zoom),
         "maxzoom": str(plan.max_zoom),
         "type": "overlay",
         "version": "1.0",
-        "description": description,
-        "attribution": attribution,
+        "description": words.paragraph,
+        "attribution": words.attribution,
+        **words.pairs,
     }
     count = 0
-    with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary, _database(temporary, path) as db:
+    with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary, new_database(temporary, path) as db:
         db.executescript(_SCHEMA)
         db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
         db.executemany("INSERT INTO metadata VALUES (?, ?)", metadata.items())
-        for key, data in plan.encoded(tile_format, on_progress):
+        for tile in plan.encoded(choice, quality, on_progress):
+            key = tile.key
             row = (1 << key.zoom) - 1 - key.y
-            db.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (key.zoom, key.x, row, data))
+            db.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (key.zoom, key.x, row, tile.data))
             count += 1
         if count == 0:
             raise OutputError(f"{path} was not written: the map shows nothing")
         db.commit()
         db.executescript(_INDEXES)
     return count
-
-
-@contextlib.contextmanager
-def _database(temporary: Path, path: Path) -> Iterator[sqlite3.Connection]:
-    db = sqlite3.connect(temporary)
-    try:
-        # The file is new and moved into place when whole: a journal would only write everything twice.
-        db.execute("PRAGMA journal_mode = OFF")
-        db.execute("PRAGMA synchronous = OFF")
-        yield db
-        db.commit()
-    except sqlite3.Error as error:
-        advice = "free some space or choose another place" if "full" in str(error) else "check the disk"
-        raise OutputError(f"{path} cannot be written: {error}; {advice}") from error
-    finally:
-        db.close()
 
 
 def _check(temporary: Path, path: Path, count: int) -> None:

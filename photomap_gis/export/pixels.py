@@ -39,15 +39,14 @@ def shrink(rgba: Rgba, factor: int) -> Rgba:
 
 
 def sample(
-    rgba: Rgba, x_px: npt.NDArray[np.float64], y_px: npt.NDArray[np.float64], *, shrink_xy: tuple[float, float] = (1, 1)
+    rgba: Rgba, x_px: npt.NDArray[Any], y_px: npt.NDArray[Any], *, shrink_xy: tuple[float, float] = (1, 1)
 ) -> Rgba:
     """Return the image at ``(h, w)`` pixel-centre coordinates, bicubic; transparent outside and where they are NaN.
 
     ``shrink_xy`` is how many pixels lie between neighbouring samples: above 1, a Gaussian first removes what the
     samples cannot carry.
     """
-    map_x = np.where(np.isfinite(x_px), x_px, _OUTSIDE).clip(_OUTSIDE, -_OUTSIDE).astype(np.float32)
-    map_y = np.where(np.isfinite(y_px), y_px, _OUTSIDE).clip(_OUTSIDE, -_OUTSIDE).astype(np.float32)
+    map_x, map_y = _within(x_px), _within(y_px)
     inside = (
         float(map_x.min()) >= 1.0
         and float(map_y.min()) >= 1.0
@@ -64,6 +63,14 @@ def sample(
     return _straight(
         cv2.remap(soft, map_x + 4, map_y + 4, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
     )
+
+
+def _within(v_px: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """Return coordinates that OpenCV can count in: NaN and what is far off become a place outside."""
+    low, high = float(v_px.min()), float(v_px.max())
+    if low >= _OUTSIDE and high <= -_OUTSIDE:  # False for NaN
+        return v_px.astype(np.float32, copy=False)
+    return np.where(np.isfinite(v_px), v_px, _OUTSIDE).clip(_OUTSIDE, -_OUTSIDE).astype(np.float32)
 
 
 def _soften(image: npt.NDArray[Any], shrink_xy: tuple[float, float]) -> npt.NDArray[Any]:

@@ -1,21 +1,28 @@
 """Tiles of every zoom in one pass: the map is read once, at the finest level, and each parent is made of its children.
 
-Walks the quad tree depth first, so that at most four tiles a level are held, whatever the map's size.
+The quad tree is cut into branches of some 2048 pixels. A branch is a job: it reads its pixels, makes its tiles of all
+levels and hands each to the caller's function (to be encoded), all in one thread of several. The few tiles above the
+branches are put together where the results are taken, depth first, so that at most four tiles a level are held.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import math
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from photomap_gis.core.grid import Window
 from photomap_gis.export.pixels import Rgba, shrink
-from photomap_gis.export.warp import Resampler
+from photomap_gis.parallel import map_jobs, usable_cpus
 
-_LEVELS_PER_READ = 2  # leaves are read in blocks of 4 x 4: less overlap and fewer calls than one by one
+_BRANCH_PX = 2048  # less overlap and fewer calls than tile by tile
+_BRANCHES_A_WORKER = 4  # small maps are cut finer, so that every core has something to do
+
+MadeT = TypeVar("MadeT")
+OnProgress = Callable[[int, int], None]
 
 
 class TileKey(NamedTuple):
@@ -34,6 +41,14 @@ class Tile:
     rgba: Rgba
 
 
+class Reader(Protocol):
+    """What a pyramid is made from: a resampler, or a map on the pyramid's own pixels."""
+
+    def read(self, window: Window) -> Rgba:
+        """``(height, width, 4)`` RGBA."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Pyramid:
     """A quad tree of tiles over ``extent``, a window of the finest level's pixels.
@@ -42,7 +57,7 @@ class Pyramid:
     ``min_zoom``. Tiles finer than ``keep_zoom`` are read for their parents' sake only.
     """
 
-    resampler: Resampler
+    resampler: Reader
     extent: Window
     max_zoom: int
     min_zoom: int = 0
@@ -64,62 +79,147 @@ class Pyramid:
         c, r, w, h = self.extent
         return (-(-(c + w) // span) - c // span) * (-(-(r + h) // span) - r // span)
 
-    def tiles(self) -> Generator[Tile, None, None]:
+    def tiles(self) -> Iterator[Tile]:
         """Yield every tile that shows something, children before their parent."""
-        for key in self.keys(self.min_zoom):
-            yield from self._branch(key)
+        return self.made(_itself)
 
-    def _branch(self, key: TileKey) -> Generator[Tile, None, Rgba | None]:
-        """Yield the tiles of a branch; return its top tile's pixels, ``None`` where nothing is seen."""
-        if self.max_zoom - key.zoom <= _LEVELS_PER_READ:
-            pixels = self._read(key)
-            return None if pixels is None else (yield from self._split(key, pixels))
+    def made(self, make: Callable[[Tile], MadeT], on_progress: OnProgress | None = None) -> Iterator[MadeT]:
+        """Yield ``make(tile)`` for every tile that shows something, children before their parent.
+
+        ``make`` is called in several threads. ``on_progress`` counts tiles of the finest level, empty ones too.
+        """
+        branch_zoom = self._branch_zoom()
+        keys = [key for root in self.keys(self.min_zoom) for key in self._below(root, branch_zoom)]
+        total, done = self.leaf_count, 0
+
+        def branch(key: TileKey) -> tuple[list[MadeT], Rgba | None]:
+            made: list[MadeT] = []
+            return made, self._branch(key, lambda tile: made.append(make(tile)))
+
+        def taken() -> Iterator[tuple[list[MadeT], Rgba | None]]:
+            nonlocal done
+            for key, result in zip(keys, map_jobs(branch, keys), strict=True):
+                done += self._leaves_of(key)
+                if on_progress is not None:
+                    on_progress(done, total)
+                yield result
+
+        results = taken()
+        for root in self.keys(self.min_zoom):
+            yield from self._joined(root, branch_zoom, results, make)
+
+    def _branch_zoom(self) -> int:
+        """Return the level at which a tile is a job."""
+        levels = max(0, int(math.log2(_BRANCH_PX / self.tile_px)))
+        while levels and len(self.keys(self.max_zoom - levels)) < _BRANCHES_A_WORKER * usable_cpus():
+            levels -= 1
+        return max(self.min_zoom, self.max_zoom - levels)
+
+    def _below(self, key: TileKey, zoom: int) -> Iterator[TileKey]:
+        """Yield the tiles of a level under a tile that touch the extent, depth first."""
+        if key.zoom == zoom:
+            yield key
+            return
+        for child in self._children(key):
+            yield from self._below(child, zoom)
+
+    def _joined(
+        self,
+        key: TileKey,
+        branch_zoom: int,
+        results: Iterator[tuple[list[MadeT], Rgba | None]],
+        make: Callable[[Tile], MadeT],
+    ) -> Generator[MadeT, None, Rgba | None]:
+        """Yield what was made under a tile and of itself; return its pixels, ``None`` where nothing is seen."""
+        if key.zoom == branch_zoom:
+            made, top = next(results)
+            yield from made
+            return top
         canvas: Rgba | None = None
-        n = self.tile_px
-        for row in (0, 1):
-            for col in (0, 1):
-                child = TileKey(key.zoom + 1, 2 * key.x + col, 2 * key.y + row)
-                if not self._touches(child):
-                    continue
-                pixels = yield from self._branch(child)
-                if pixels is not None:
-                    if canvas is None:
-                        canvas = np.zeros((2 * n, 2 * n, 4), np.uint8)
-                    canvas[row * n : (row + 1) * n, col * n : (col + 1) * n] = pixels
+        for child in self._children(key):
+            pixels = yield from self._joined(child, branch_zoom, results, make)
+            if pixels is not None:
+                canvas = self._placed(canvas, child, pixels)
         if canvas is None:
             return None
         top = shrink(canvas, 2)
-        yield from self._emit(key, top)
+        if self._is_kept(key, top):
+            yield make(Tile(key, top))
         return top
 
-    def _split(self, key: TileKey, pixels: Rgba) -> Generator[Tile, None, Rgba]:
-        """Yield the tiles of a branch whose finest pixels are at hand; return its top tile's pixels."""
+    def _branch(self, key: TileKey, emit: Callable[[Tile], None]) -> Rgba | None:
+        """Read a branch, emit its tiles and return its top tile's pixels, ``None`` where nothing is seen."""
+        pixels = self._read(key)
+        return None if pixels is None else self._split(key, pixels, emit)
+
+    def _split(self, key: TileKey, pixels: Rgba, emit: Callable[[Tile], None]) -> Rgba:
+        """Emit the tiles of a branch whose finest pixels are at hand; return its top tile's pixels."""
         if key.zoom == self.max_zoom:
-            yield from self._emit(key, pixels)
+            if self._is_kept(key, pixels):
+                emit(Tile(key, np.ascontiguousarray(pixels)))
             return pixels
         half = pixels.shape[0] // 2
-        tops = np.zeros((2 * self.tile_px, 2 * self.tile_px, 4), np.uint8)
-        for row in (0, 1):
-            for col in (0, 1):
-                part = pixels[row * half : (row + 1) * half, col * half : (col + 1) * half]
-                if part[..., 3].any():
-                    top = yield from self._split(TileKey(key.zoom + 1, 2 * key.x + col, 2 * key.y + row), part)
-                    n = self.tile_px
-                    tops[row * n : (row + 1) * n, col * n : (col + 1) * n] = top
-        top = shrink(tops, 2)
-        yield from self._emit(key, top)
+        canvas: Rgba | None = None
+        for child in self._children(key):
+            r, c = (child.y - 2 * key.y) * half, (child.x - 2 * key.x) * half
+            part = pixels[r : r + half, c : c + half]
+            if part[..., 3].any():
+                canvas = self._placed(canvas, child, self._split(child, part, emit))
+        if canvas is None:
+            canvas = np.zeros((2 * self.tile_px, 2 * self.tile_px, 4), np.uint8)
+        top = shrink(canvas, 2)
+        if self._is_kept(key, top):
+            emit(Tile(key, top))
         return top
 
-    def _emit(self, key: TileKey, pixels: Rgba) -> Generator[Tile, None, None]:
-        if (self.keep_zoom is None or key.zoom <= self.keep_zoom) and pixels[..., 3].any():
-            yield Tile(key, np.ascontiguousarray(pixels))
+    def _placed(self, canvas: Rgba | None, child: TileKey, pixels: Rgba) -> Rgba:
+        """Put a child's pixels into its quarter of the canvas of its parent."""
+        n = self.tile_px
+        if canvas is None:
+            canvas = np.zeros((2 * n, 2 * n, 4), np.uint8)
+        r, c = n * (child.y % 2), n * (child.x % 2)
+        canvas[r : r + n, c : c + n] = pixels
+        return canvas
+
+    def _is_kept(self, key: TileKey, pixels: Rgba) -> bool:
+        return (self.keep_zoom is None or key.zoom <= self.keep_zoom) and bool(pixels[..., 3].any())
 
     def _read(self, key: TileKey) -> Rgba | None:
+        """Return the finest pixels under a tile, transparent beyond the extent."""
         span = self.tile_px << (self.max_zoom - key.zoom)
-        pixels = self.resampler.read(Window(key.x * span, key.y * span, span, span))
-        return pixels if pixels[..., 3].any() else None
+        x, y = key.x * span, key.y * span
+        within = _intersection(Window(x, y, span, span), self.extent)
+        pixels = self.resampler.read(within)
+        if not pixels[..., 3].any():
+            return None
+        if within == (x, y, span, span):
+            return pixels
+        whole = np.zeros((span, span, 4), np.uint8)
+        r, c = within.row_off - y, within.col_off - x
+        whole[r : r + within.height, c : c + within.width] = pixels
+        return whole
 
-    def _touches(self, key: TileKey) -> bool:
-        span = self.tile_px << (self.max_zoom - key.zoom)
+    def _leaves_of(self, key: TileKey) -> int:
+        span, n = self.tile_px << (self.max_zoom - key.zoom), self.tile_px
+        c, r, w, h = _intersection(Window(key.x * span, key.y * span, span, span), self.extent)
+        return (-(-(c + w) // n) - c // n) * (-(-(r + h) // n) - r // n)
+
+    def _children(self, key: TileKey) -> Iterator[TileKey]:
+        """Yield the children that touch the extent, row by row."""
+        span = self.tile_px << (self.max_zoom - key.zoom - 1)
         c, r, w, h = self.extent
-        return key.x * span < c + w and (key.x + 1) * span > c and key.y * span < r + h and (key.y + 1) * span > r
+        for y in (2 * key.y, 2 * key.y + 1):
+            for x in (2 * key.x, 2 * key.x + 1):
+                if x * span < c + w and (x + 1) * span > c and y * span < r + h and (y + 1) * span > r:
+                    yield TileKey(key.zoom + 1, x, y)
+
+
+def _itself(tile: Tile) -> Tile:
+    return tile
+
+
+def _intersection(a: Window, b: Window) -> Window:
+    left, top = max(a.col_off, b.col_off), max(a.row_off, b.row_off)
+    right = min(a.col_off + a.width, b.col_off + b.width)
+    bottom = min(a.row_off + a.height, b.row_off + b.height)
+    return Window(left, top, right - left, bottom - top)

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from pyproj import Geod
 
 from photomap_gis.core.errors import UsageError
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.export.crs import PointMap, bounds_in, needs_place, parse_crs, point_map, same_crs
+from photomap_gis.export.area import Area, cut_grid
+from photomap_gis.export.crs import WGS84, PointMap, bounds_in, needs_place, parse_crs, point_map, same_crs
 from photomap_gis.export.pixel_grid import PixelGrid
 from photomap_gis.export.pixels import Rgba, sample, shrink
 
@@ -28,6 +31,8 @@ _LATTICE_PX = 64
 _LATTICE_TOLERANCE_PX = 0.01
 _SAME_PX = 1e-4  # grids that differ by less than this part of a pixel are one
 _MAX_SIDE_PX = 2_000_000_000
+AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
+Coordinates = npt.NDArray[np.float32]
 _CROSS = np.array([[-0.5, 0.0], [0.5, 0.0], [0.0, -0.5], [0.0, 0.5]])
 
 
@@ -42,12 +47,37 @@ def warped(source: TileSource, grid: MapGrid) -> TileSource:
     return WarpedSource(source, grid, Resampler(source, grid))
 
 
-def target_grid(source_grid: MapGrid, crs: str, pixel_size: float | None = None) -> MapGrid:
+def target_grid(
+    source_grid: MapGrid, crs: str | None, pixel_size: float | None = None, area: Area | None = None
+) -> MapGrid:
     """Return the grid in another CRS that holds all of ``source_grid``, its corner a whole multiple of a pixel.
 
     ``pixel_size`` is in units of ``crs``; by default the finer side of a source pixel as it lies there, or the source's
-    own size where the two differ by less than a map's scale factor does (0.2 %).
+    own size where the two differ by less than a map's scale factor does (0.2 %). ``area`` keeps what it covers, in
+    pixels of the same lattice. A map without a place on Earth keeps its local frame (``crs`` ``None``).
     """
+    grid = _whole_grid(source_grid, crs, pixel_size)
+    return grid if area is None else cut_grid(grid, area.cut(grid.bounds, grid.crs_wkt))
+
+
+def ground_pixel_m(grid: MapGrid) -> float:
+    """Return the size of a pixel on the ground in metres: root of its area at the grid's centre, by the ellipsoid."""
+    middle = np.array([grid.width / 2.0, grid.height / 2.0])
+    p = grid.to_crs(middle + _CROSS)
+    wkt = needs_place(grid.crs_wkt, "a size in metres")
+    lon_lat = point_map(wkt, WGS84, around_xy=p)(p)
+    geod = Geod(ellps="WGS84")
+    sides = [geod.inv(*lon_lat[i], *lon_lat[i + 1])[2] for i in (0, 2)]
+    return math.sqrt(sides[0] * sides[1])
+
+
+def _whole_grid(source_grid: MapGrid, crs: str | None, pixel_size: float | None) -> MapGrid:
+    if crs is None:
+        crs = source_grid.crs_wkt
+    if crs is None:
+        if pixel_size is None:
+            return source_grid
+        raise UsageError("a map without a place on Earth keeps its own pixel size: leave out --crs and --gsd")
     target_wkt = parse_crs(crs).to_wkt()
     source_wkt = needs_place(source_grid.crs_wkt, f"a map in {crs}")
     if same_crs(source_wkt, target_wkt):
@@ -175,45 +205,67 @@ class Resampler:
         return out
 
     def _read_block(self, window: Window) -> Rgba | None:
-        x, y = lattice(self._to_source, window)
+        found = _lattice(self._to_source, window)
         f, g = self._factor, self.source.grid
         # A shrunk pixel i is the mean of pixels i f ... i f + f - 1: its centre lies at i f + (f - 1) / 2.
-        x, y = (x - (f - 1) / 2.0) / f, (y - (f - 1) / 2.0) / f
-        if not (np.isfinite(x).any() and np.isfinite(y).any()):
+        nodes = (found.nodes - (f - 1) / 2.0) / f
+        known = np.isfinite(nodes).all(axis=-1)
+        if not known.any():
             return None
         cols, rows = -(-g.width // f), -(-g.height // f)
-        left = max(0, math.floor(float(np.nanmin(x))) - self._margin)
-        top = max(0, math.floor(float(np.nanmin(y))) - self._margin)
-        right = min(cols, math.ceil(float(np.nanmax(x))) + self._margin + 1)
-        bottom = min(rows, math.ceil(float(np.nanmax(y))) + self._margin + 1)
+        # between nodes the map is linear: none of its points lies beyond them
+        left, top = (max(0, math.floor(float(v)) - self._margin) for v in nodes[known].min(axis=0))
+        right, bottom = (
+            min(n, math.ceil(float(v)) + self._margin + 1)
+            for n, v in zip((cols, rows), nodes[known].max(axis=0), strict=True)
+        )
         if right <= left or bottom <= top:
             return None
         piece = read_shrunk(self.source, Window(left, top, right - left, bottom - top), f)
-        return self._sample(piece, x - left, y - top)
+        if not piece[..., 3].any():
+            return None
+        near = (nodes - (left, top)).astype(np.float32)
+        x, y = (_between(near[..., i], found.step, window) for i in (0, 1))
+        return self._sample(piece, x, y, bool(known.all()))
 
-    def _sample(self, piece: Rgba, x: FloatArray, y: FloatArray) -> Rgba:
+    def _sample(self, piece: Rgba, x: Coordinates, y: Coordinates, all_known: bool) -> Rgba:
         """Sample in parts: only those at the map's border need the slow way with alpha."""
         out = np.zeros((*x.shape, 4), np.uint8)
         m = self._margin
+        low, high = (np.min, np.max) if all_known else (np.nanmin, np.nanmax)
         for r in range(0, x.shape[0], _PART_PX):
             for c in range(0, x.shape[1], _PART_PX):
                 part = (slice(r, r + _PART_PX), slice(c, c + _PART_PX))
                 px, py = x[part], y[part]
-                if not (np.isfinite(px).any() and np.isfinite(py).any()):
+                if not all_known and not (np.isfinite(px).any() and np.isfinite(py).any()):
                     continue
-                left, top = (max(0, math.floor(float(np.nanmin(v))) - m) for v in (px, py))
-                right, bottom = (math.ceil(float(np.nanmax(v))) + m + 1 for v in (px, py))
+                left, top = (max(0, math.floor(float(low(v))) - m) for v in (px, py))
+                right, bottom = (math.ceil(float(high(v))) + m + 1 for v in (px, py))
                 near = piece[top : max(top, bottom), left : max(left, right)]
                 if near.size and near[..., 3].any():
-                    out[part] = sample(near, px - left, py - top, shrink_xy=self._rest)
+                    out[part] = sample(near, px - np.float32(left), py - np.float32(top), shrink_xy=self._rest)
         return out
 
 
-def lattice(point_map_px: PointMap, window: Window) -> tuple[FloatArray, FloatArray]:
-    """Return ``(h, w)`` x and y to which the pixels of a window are mapped, true to a hundredth of a pixel.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lattice:
+    """``(rows, cols, 2)`` where every ``step``-th pixel of a window is mapped to; linear between. 1: every pixel."""
 
-    The map is exact on a lattice and linear between; where the middle of a cell says that this is not enough, the
-    lattice is refined, at last to every pixel.
+    nodes: FloatArray
+    step: int
+
+
+def lattice(point_map_px: PointMap, window: Window) -> tuple[FloatArray, FloatArray]:
+    """Return ``(h, w)`` x and y to which the pixels of a window are mapped, true to a hundredth of a pixel."""
+    found = _lattice(point_map_px, window)
+    x, y = (_between(found.nodes[..., i], found.step, window) for i in (0, 1))
+    return x, y
+
+
+def _lattice(point_map_px: PointMap, window: Window) -> _Lattice:
+    """Return the coarsest lattice whose linear interpolation is true to a hundredth of a pixel.
+
+    Where the middle of a cell says that it is not, the lattice is refined, at last to every pixel.
     """
     step = _LATTICE_PX
     while step > 4:
@@ -227,11 +279,27 @@ def lattice(point_map_px: PointMap, window: Window) -> tuple[FloatArray, FloatAr
         guess = (nodes[:-1, :-1] + nodes[1:, :-1] + nodes[:-1, 1:] + nodes[1:, 1:]) / 4.0
         error = np.abs(guess - middles).max()
         if error <= _LATTICE_TOLERANCE_PX:  # also False for NaN
-            along_x, along_y = _tent(window.width, step, cols), _tent(window.height, step, rows)
-            return along_y @ nodes[..., 0] @ along_x.T, along_y @ nodes[..., 1] @ along_x.T
+            return _Lattice(nodes, step)
         step //= 2
     exact = _points_at(point_map_px, window, np.arange(window.width) * 1.0, np.arange(window.height) * 1.0)
-    return exact[..., 0], exact[..., 1]
+    return _Lattice(exact, 1)
+
+
+def _between(nodes: npt.NDArray[AnyFloat], step: int, window: Window) -> npt.NDArray[AnyFloat]:
+    """``(h, w)`` values between ``(rows, cols)`` nodes, in their number type.
+
+    Two products with tent matrices would say the same: but the linear algebra's own threads fight ours.
+    """
+    if step == 1:
+        return nodes
+    h, w = window.height, window.width
+    share = (np.arange(step) / step).astype(nodes.dtype)
+    steps = np.diff(nodes, axis=0)
+    tall = (nodes[:-1, None] + steps[:, None] * share[:, None]).reshape(-1, nodes.shape[1])[:h]
+    if len(tall) < h:  # the last row of nodes is a row of pixels itself
+        tall = np.concatenate([tall, nodes[-1:]])
+    wide = (tall[:, :-1, None] + np.diff(tall, axis=1)[..., None] * share).reshape(h, -1)[:, :w]
+    return wide if wide.shape[1] == w else np.concatenate([wide, tall[:, -1:]], axis=1)
 
 
 def read_shrunk(source: TileSource, window: Window, factor: int) -> Rgba:
@@ -298,9 +366,3 @@ def _points_at(point_map_px: PointMap, window: Window, x: npt.ArrayLike, y: npt.
     grid_x, grid_y = np.meshgrid(x + window.col_off, y + window.row_off)
     p = point_map_px(np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1))
     return np.where(np.isfinite(p), p, np.nan).reshape(len(y), len(x), 2)
-
-
-def _tent(count: int, step: int, nodes: int) -> FloatArray:
-    """``(count, nodes)`` weights of linear interpolation between nodes ``step`` apart."""
-    t = np.arange(count)[:, None] / step - np.arange(nodes)[None, :]
-    return np.asarray(np.maximum(0.0, 1.0 - np.abs(t)), dtype=np.float64)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.area import Area
 from photomap_gis.export.crs import WEB_MERCATOR, bounds_in, needs_place, parse_crs, same_crs
-from photomap_gis.export.encode import TileFormat, encode, in_threads
+from photomap_gis.export.encode import TileChoice, TileFormat, encode
 from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
-from photomap_gis.export.warp import Resampler, pixel_steps
+from photomap_gis.export.warp import Resampler, ground_pixel_m, pixel_steps
 
 TILE_PX = 256
 _HALF_WORLD_M = math.pi * 6378137.0
@@ -22,6 +22,15 @@ _ZOOMS_BELOW_ONE_TILE = 4
 _LATITUDE_LIMIT_M = _HALF_WORLD_M * (1 + 1e-9)
 
 OnProgress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncodedTile:
+    """A tile as it is stored; its row is counted from the north."""
+
+    key: TileKey
+    format: TileFormat
+    data: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,23 +50,35 @@ class WebTiles:
         return ((west + east) / 2.0, (south + north) / 2.0, zoom)
 
     def encoded(
-        self, tile_format: TileFormat, on_progress: OnProgress | None = None
-    ) -> Iterator[tuple[TileKey, bytes]]:
-        """Yield every tile's key (row from the north) and its bytes, children before parents."""
-        total, done = len(self.pyramid.keys(self.max_zoom)), 0
-        for key, data in in_threads(partial(_encoded, tile_format), self.pyramid.tiles()):
+        self, choice: TileChoice, quality: int | None = None, on_progress: OnProgress | None = None
+    ) -> Iterator[EncodedTile]:
+        """Yield every tile's bytes (row from the north), children before parents."""
+        for tile in encoded_tiles(self.pyramid, choice, quality, on_progress):
             # Across the antimeridian columns run on beyond the last: there they start again from the west.
-            yield TileKey(key.zoom, key.x % (1 << key.zoom), key.y), data
-            if key.zoom == self.max_zoom:
-                done += 1
-                if on_progress is not None:
-                    on_progress(min(done, total), total)
-        if on_progress is not None:
-            on_progress(total, total)
+            key = TileKey(tile.key.zoom, tile.key.x % (1 << tile.key.zoom), tile.key.y)
+            yield EncodedTile(key, tile.format, tile.data)
+
+
+def encoded_tiles(
+    pyramid: Pyramid, choice: TileChoice, quality: int | None = None, on_progress: OnProgress | None = None
+) -> Iterator[EncodedTile]:
+    """Yield the tiles of any pyramid as they are stored, children before parents; made and encoded on all cores."""
+
+    def make(tile: Tile) -> EncodedTile:
+        tile_format = choice.of(tile.rgba)
+        return EncodedTile(tile.key, tile_format, encode(tile.rgba, tile_format, quality))
+
+    return pyramid.made(make, on_progress)
 
 
 def plan_web_tiles(
-    source: TileSource, what: str, *, min_zoom: int | None = None, max_zoom: int | None = None
+    source: TileSource,
+    what: str,
+    *,
+    min_zoom: int | None = None,
+    max_zoom: int | None = None,
+    gsd_m: float | None = None,
+    area: Area | None = None,
 ) -> WebTiles:
     """Return the plan to cut a map into web tiles.
 
@@ -71,8 +92,16 @@ def plan_web_tiles(
     )
     if max(abs(south), abs(north)) > _LATITUDE_LIMIT_M:
         raise DataError(f"{what} ends at 85 degrees of latitude and this map lies beyond: use --geotiff")
-    native = _nearest_zoom(min(pixel_steps(source.grid, mercator)))
-    finest = native if max_zoom is None else _checked("max_zoom", max_zoom)
+    if area is not None:
+        west, south, east, north = area.cut((west, south, east, north), mercator)
+    pixel_m = min(pixel_steps(source.grid, mercator))
+    native = _nearest_zoom(pixel_m)
+    if max_zoom is not None:
+        finest = _checked("max_zoom", max_zoom)
+    elif gsd_m is not None:
+        finest = _nearest_zoom(gsd_m * pixel_m / ground_pixel_m(source.grid))
+    else:
+        finest = native
     leaf = max(native, finest)  # coarser tiles are made of native ones: no detail is skipped on the way
     size_m = 2.0 * _HALF_WORLD_M / (TILE_PX << leaf)
     left, top = (math.floor(v / size_m + 1e-6) for v in (west + _HALF_WORLD_M, _HALF_WORLD_M - north))
@@ -103,10 +132,6 @@ def _bounds_deg(extent: Window, leaf: int, finest: int) -> tuple[float, float, f
     if west < -180.0 or east > 180.0:
         west, east = -180.0, 180.0
     return west, south, east, north
-
-
-def _encoded(tile_format: TileFormat, tile: Tile) -> tuple[TileKey, bytes]:
-    return tile.key, encode(tile.rgba, tile_format)
 
 
 def _nearest_zoom(pixel_m: float) -> int:

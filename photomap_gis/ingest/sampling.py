@@ -18,6 +18,9 @@ MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 5.0
 WANTED_OVERLAP = 0.85
 _TYPICAL_HFOV_RAD = math.radians(70.0)
 """Where the lens is unknown: most drones' video lies between 60 and 80 degrees."""
+FEW_FRAMES, MOST_OFTEN = 700, 2.0
+"""A recording that asks for fewer frames than this is sampled up to twice as often: frames between reach further at the
+rim of a shaky flight, and a short flight's cost little."""
 
 _LOWEST_HEIGHT_M = 5.0
 _SPEED_WINDOW_S = 4.0
@@ -29,7 +32,7 @@ def sampling_rates(
     """``(N,)`` frames a second wanted at each moment, from speed and height there.
 
     ``aspect`` is width over height: the frame's shorter side may lie along the flight. Where speed or height is unknown
-    the default rate holds.
+    the default rate is wanted. Short recordings are sampled more often.
     """
     rates = np.full(len(times_s), DEFAULT_RATE_HZ)
     speeds = _speeds_m_per_s(points, times_s)
@@ -40,7 +43,13 @@ def sampling_rates(
         width_m = 2.0 * max(p.height_m, _LOWEST_HEIGHT_M) * math.tan(hfov / 2.0)
         step_m = (1.0 - WANTED_OVERLAP) * min(width_m, width_m / max(aspect, 1e-3))
         rates[i] = min(max(speeds[i] / step_m, MIN_RATE_HZ), MAX_RATE_HZ)
-    return rates
+    return np.minimum(rates * _room_for_more(rates, times_s), MAX_RATE_HZ)
+
+
+def _room_for_more(rates: FloatArray, times_s: FloatArray) -> float:
+    """Return by how much more often a short recording is sampled."""
+    asked = float(np.sum(np.diff(times_s) * (rates[1:] + rates[:-1]) / 2.0))
+    return float(np.clip(FEW_FRAMES / max(asked, 1.0), 1.0, MOST_OFTEN))
 
 
 def choose_frames(times_s: FloatArray, rates_hz: FloatArray | float) -> list[int]:

@@ -42,9 +42,20 @@ class Seen(NamedTuple):
     at_nodes: Sighting
 
 
-def labels_of(seen: Sequence[Seen], lattice: Lattice) -> npt.NDArray[np.int16]:
-    """Return for every pixel of the lattice's domain the index into ``seen`` of the frame that gives it, or -1."""
-    costs = [_dense_cost(one, lattice) for one in seen]
+SEAM_COST = 100.0
+"""What a frame pays where a seam search (``seams``) gave the place to another: less than a tier."""
+
+
+def labels_of(
+    seen: Sequence[Seen], lattice: Lattice, at_nodes: npt.NDArray[np.int16] | None = None
+) -> npt.NDArray[np.int16]:
+    """Return for every pixel of the lattice's domain the index into ``seen`` of the frame that gives it, or -1.
+
+    ``at_nodes``, ``(rows, columns)``, says whom the nodes belong to; without it the cheapest frame gives each pixel.
+    """
+    if at_nodes is not None and _well_inside(seen, at_nodes):
+        return _nearest_label(at_nodes, lattice)
+    costs = [_dense_cost(one, lattice, None if at_nodes is None else at_nodes != k) for k, one in enumerate(seen)]
     labels = _cheapest(costs, range(len(seen)), lattice)
     counts = np.bincount(labels[labels >= 0], minlength=len(seen))
     full = [i for i in range(len(seen)) if counts[i] >= SLIVER_PX]
@@ -53,6 +64,34 @@ def labels_of(seen: Sequence[Seen], lattice: Lattice) -> npt.NDArray[np.int16]:
     fewer = _cheapest(costs, full, lattice)
     # Take a sliver away only where someone else sees its ground.
     return np.where(fewer != _NOBODY, fewer, labels)
+
+
+def _well_inside(seen: Sequence[Seen], at_nodes: npt.NDArray[np.int16]) -> bool:
+    """Whether every node's giver sees all the pixels about it, too: then no pixel need be asked again."""
+    if at_nodes.min() < 0:
+        return False
+    for k in np.unique(at_nodes):
+        at, mine = seen[k].at_nodes, at_nodes == k
+        steps = [np.abs(np.diff(v, axis=axis)) for v in (at.x_px, at.y_px) for axis in (0, 1)]
+        reach = 2.0 * max(float(np.nanmax(step)) for step in steps)
+        if not at.border_px[mine].min() > reach:
+            return False
+    return True
+
+
+def _nearest_label(at_nodes: npt.NDArray[np.int16], lattice: Lattice) -> npt.NDArray[np.int16]:
+    """Return the nodes' labels carried to the pixels along smooth borders; slivers are left to their neighbours."""
+    present = [k for k in np.unique(at_nodes)]
+    labels = np.full((lattice.height, lattice.width), present[0], dtype=np.int16)
+    if len(present) == 1:
+        return labels
+    most = lattice.dense((at_nodes == present[0]).astype(np.float32)).copy()
+    for k in present[1:]:
+        mine = lattice.dense((at_nodes == k).astype(np.float32))
+        better = cv2.compare(mine, most, cv2.CMP_GT)
+        cv2.copyTo(mine, better, most)
+        cv2.copyTo(np.full_like(labels, k), better, labels)
+    return labels
 
 
 def detail_weights(labels: npt.NDArray[np.int16], index: int) -> tuple[Box, FloatImage] | None:
@@ -132,19 +171,22 @@ def _cost_near(one: Seen) -> FloatImage:
     return np.where(np.isnan(one.at_nodes.cost), np.inf, one.at_nodes.cost)
 
 
-def _dense_cost(one: Seen, lattice: Lattice) -> FloatImage:
+def _dense_cost(one: Seen, lattice: Lattice, not_mine: npt.NDArray[np.bool_] | None = None) -> FloatImage:
     """Return ``(height, width)`` cost over the domain, NaN or infinite where the frame does not see the ground."""
-    cost = lattice.dense((one.at_nodes.cost + TIER_COST * one.view.tier).astype(np.float32))
+    at_nodes = one.at_nodes.cost + TIER_COST * one.view.tier
+    if not_mine is not None:
+        at_nodes = at_nodes + SEAM_COST * not_mine
+    cost = lattice.dense(at_nodes.astype(np.float32))
     if np.min(one.at_nodes.border_px) > 0.0:  # false where NaN
         return cost
     placement = one.view.placement
     x = lattice.dense(one.at_nodes.x_px.astype(np.float32))
     y = lattice.dense(one.at_nodes.y_px.astype(np.float32))
-    with np.errstate(invalid="ignore"):
-        inside = (np.abs(x - (placement.width_px - 1) / 2.0) <= placement.width_px / 2.0) & (
-            np.abs(y - (placement.height_px - 1) / 2.0) <= placement.height_px / 2.0
-        )
-    return np.where(inside, cost, np.inf)
+    inside = cv2.bitwise_and(
+        cv2.inRange(x, -0.5, placement.width_px - 0.5), cv2.inRange(y, -0.5, placement.height_px - 0.5)
+    )  # NaN is in no range
+    out = np.full(cost.shape, np.inf, dtype=np.float32)
+    return np.asarray(cv2.copyTo(cost, inside, out))
 
 
 def _cheapest(costs: Sequence[FloatImage], indices: Sequence[int], lattice: Lattice) -> npt.NDArray[np.int16]:

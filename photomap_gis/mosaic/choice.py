@@ -1,8 +1,9 @@
 """What it costs to take a spot of ground from a frame: the one rule of choice that plan and render share.
 
-The cost grows with the square of the distance from the frame's centre, so cells of equally fine frames are those of a
-Voronoi diagram: every spot is taken from the frame that looks at it most steeply. Coarser frames pay, and the outermost
-rim of a raster pays (lens, border artefacts). A frame of a higher tier is taken only where no lower one sees the spot.
+The cost grows with the square of the distance from where the frame looks straight down, so cells of equally fine
+frames are those of a Voronoi diagram: every spot is taken from the frame that looks at it most steeply. Coarser frames
+pay, and the outermost rim of a raster pays (lens, border artefacts); what the user prefers costs less (``preference``).
+A frame of a higher tier is taken only where no lower one sees the spot.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ def sight(view: View, xy_map_m: FloatArray, shape: tuple[int, ...], *, slack_m: 
     """Return how ``view`` sees ``(N, 2)`` map points, up to ``slack_m`` beyond its footprint; arrays of ``shape``."""
     xy = view.locate(xy_map_m, slack_m=slack_m)
     x, y = xy[:, 0].reshape(shape), xy[:, 1].reshape(shape)
-    radius, border = radius_and_border(view, x, y)
-    return Sighting(x, y, choice_cost(view, radius, border), border)
+    _, border = radius_and_border(view, x, y)
+    return Sighting(x, y, choice_cost(view, distance_from_middle(view, x, y), border), border)
 
 
 def radius_and_border(view: View, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -56,12 +57,18 @@ def radius_and_border(view: View, x_px: FloatArray, y_px: FloatArray) -> tuple[F
     return np.sqrt(dx * dx + dy * dy), np.minimum(w / 2.0 - dx, h / 2.0 - dy)
 
 
-def choice_cost(view: View, radius_px: FloatArray, border_px: FloatArray) -> FloatArray:
-    """Return the cost of choosing ``view`` where it sees a spot at these distances from its centre and its edge."""
-    relative = radius_px / view.half_diagonal_px
+def distance_from_middle(view: View, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
+    """Return the distances in pixels from where the frame looks straight down (``View.middle_xy_px``)."""
+    x, y = view.middle_xy_px
+    return np.asarray(np.hypot(x_px - x, y_px - y))
+
+
+def choice_cost(view: View, distance_px: FloatArray, border_px: FloatArray) -> FloatArray:
+    """Return the cost of choosing ``view`` where it sees a spot at these distances from its middle and its edge."""
+    relative = distance_px / view.half_diagonal_px
     rim_px = RIM_SHARE * min(view.placement.width_px, view.placement.height_px)
     rim = np.clip(1.0 - border_px / rim_px, 0.0, 1.0)
-    return relative * relative + RIM_COST * rim + view.resolution_cost
+    return relative * relative + RIM_COST * rim + view.resolution_cost + view.preference_cost
 
 
 def taper(view: View, border_px: FloatArray) -> FloatArray:

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from photomap_gis.core.grid import MapFrame, MapGrid, Window
+from photomap_gis.core.grid import CrsFrame, MapGrid, Window
 from photomap_gis.core.similarity import FloatArray
 
 STEP_PX = 8
-"""Distance of the nodes. Each lies in the middle of a block of this many pixels a side."""
+"""Distance of the nodes, where nothing else is said. Each lies in the middle of a block of this many pixels a side."""
 
 FloatImage = npt.NDArray[np.float32]
 
@@ -38,7 +38,7 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """Nodes over a window and a margin of ``STEP_PX`` around it (the *domain*), one more ring of nodes outside that.
+    """Nodes over a window and a margin of ``step_px`` around it (the *domain*), one more ring of nodes outside that.
 
     ``shape`` is the nodes' (rows, columns); ``nodes_xy_map_m`` is ``(rows * columns, 2)``.
     """
@@ -47,34 +47,46 @@ class Lattice:
     height: int
     shape: tuple[int, int]
     nodes_xy_map_m: FloatArray
+    step_px: int = STEP_PX
 
     @classmethod
-    def over(cls, window: Window, grid: MapGrid, map_frame: MapFrame) -> Lattice:
+    def over(cls, window: Window, grid: MapGrid, map_frame: CrsFrame, *, step_px: int = STEP_PX) -> Lattice:
         """Return the lattice over a window of ``grid``."""
-        blocks_x, blocks_y = (-(-(side + 2 * STEP_PX) // STEP_PX) for side in (window.width, window.height))
-        x = window.col_off + (np.arange(-1, blocks_x + 1) - 0.5) * STEP_PX - 0.5
-        y = window.row_off + (np.arange(-1, blocks_y + 1) - 0.5) * STEP_PX - 0.5
+        blocks_x, blocks_y = (-(-(side + 2 * step_px) // step_px) for side in (window.width, window.height))
+        x = window.col_off + (np.arange(-1, blocks_x + 1) - 0.5) * step_px - 0.5
+        y = window.row_off + (np.arange(-1, blocks_y + 1) - 0.5) * step_px - 0.5
         xy_px = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return cls(
-            width=blocks_x * STEP_PX,
-            height=blocks_y * STEP_PX,
+            width=blocks_x * step_px,
+            height=blocks_y * step_px,
             shape=(blocks_y + 2, blocks_x + 2),
             nodes_xy_map_m=map_frame.from_crs(grid.to_crs(xy_px)),
+            step_px=step_px,
         )
 
     @property
     def domain(self) -> Box:
-        """All pixels of the domain; the window's first pixel is at (``STEP_PX``, ``STEP_PX``)."""
+        """All pixels of the domain; the window's first pixel is at (``step_px``, ``step_px``)."""
         return Box(0, 0, self.width, self.height)
+
+    def box_in(self, coarser: Lattice, box: Box) -> Box:
+        """Return where a box of this domain lies in that of a coarser lattice over the same window."""
+        shift = coarser.step_px - self.step_px
+        return Box(box.x + shift, box.y + shift, box.width, box.height)
+
+    def nodes_under(self, box: Box) -> tuple[slice, slice]:
+        """Return the rows and columns of the nodes from which the pixels of ``box`` are interpolated."""
+        x, y, w, h, n = *box, self.step_px
+        return slice(y // n, -(-(y + h) // n) + 2), slice(x // n, -(-(x + w) // n) + 2)
 
     def dense(self, values: FloatImage, box: Box | None = None) -> FloatImage:
         """Interpolate ``(rows, columns)`` or ``(rows, columns, k)`` node values to the pixels of ``box`` (all)."""
         x, y, w, h = self.domain if box is None else box
-        # Node k is the centre of block k - 1: enlarged by STEP_PX its block begins at pixel (k - 1) * STEP_PX.
-        col0, row0 = x // STEP_PX, y // STEP_PX
-        col1, row1 = -(-(x + w) // STEP_PX) + 2, -(-(y + h) // STEP_PX) + 2
-        part = values[row0:row1, col0:col1]
-        size = (part.shape[1] * STEP_PX, part.shape[0] * STEP_PX)
+        rows, cols = self.nodes_under(Box(x, y, w, h))
+        # Node k is the centre of block k - 1: enlarged, its block begins at pixel (k - 1) * step_px.
+        col0, row0 = cols.start, rows.start
+        part = values[rows, cols]
+        size = (part.shape[1] * self.step_px, part.shape[0] * self.step_px)
         large: FloatImage = cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)
-        left, top = x - (col0 - 1) * STEP_PX, y - (row0 - 1) * STEP_PX
+        left, top = x - (col0 - 1) * self.step_px, y - (row0 - 1) * self.step_px
         return large[top : top + h, left : left + w]

@@ -14,8 +14,10 @@ def distance_inside(hull: FloatArray, points: npt.ArrayLike) -> FloatArray:
     """``(N,)`` distance of ``(N, 2)`` points from a convex hull's border, positive inside."""
     edges = np.roll(hull, -1, axis=0) - hull
     normals = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)
-    distances: FloatArray = np.asarray(points, dtype=np.float64) @ normals.T - np.sum(normals * hull, axis=1)
-    return np.asarray(distances.min(axis=1))
+    # An edge a row: numpy takes the least of rows ten times as fast as that of short columns.
+    distances: FloatArray = normals @ np.asarray(points, dtype=np.float64).T
+    distances -= np.sum(normals * hull, axis=1)[:, None]
+    return np.asarray(distances.min(axis=0))
 
 
 def convex_hull(points: FloatArray) -> FloatArray:

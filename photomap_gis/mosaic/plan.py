@@ -16,10 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.errors import DataError
-from photomap_gis.core.grid import MapFrame, MapGrid, TileIndex
+from photomap_gis.core.grid import CrsFrame, MapGrid, TileIndex, ground_per_unit, ground_pixel_m
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.mosaic.choice import TIER_COST, WIDE_REACH, choice_cost, radius_and_border, taper_px
+from photomap_gis.mosaic.choice import (
+    TIER_COST,
+    WIDE_REACH,
+    choice_cost,
+    distance_from_middle,
+    radius_and_border,
+    taper_px,
+)
 from photomap_gis.mosaic.views import FILL_TIER, View, views_of
 
 BLOCK_PX = 32
@@ -47,9 +54,11 @@ class TileJob:
 
 
 def plan_grid(
-    trajectory: Trajectory, map_frame: MapFrame, *, pixel_size: float | None = None, tile_size: int = 512
+    trajectory: Trajectory, map_frame: CrsFrame, *, pixel_size: float | None = None, tile_size: int = 512
 ) -> MapGrid:
     """Return the grid that covers every frame to be pasted; ``pixel_size`` defaults to the median native sampling.
+
+    ``pixel_size`` is on the ground: in a CRS that is not true to scale there, a pixel is as large as that looks.
 
     Raises ``DataError`` where nothing is placed or the extent makes no sense.
     """
@@ -58,20 +67,21 @@ def plan_grid(
     views = views_of(trajectory)
     if not views:
         raise DataError("no frame could be placed on the ground: there is nothing to make a map of")
-    size = pixel_size or float(np.median([view.gsd_m_per_px for view in views]))
-    _refuse_absurd_extent(views, size)
+    size_m = pixel_size or float(np.median([view.gsd_m_per_px for view in views]))
+    _refuse_absurd_extent(views, size_m)
     corners = map_frame.to_crs(np.concatenate([view.hull_xy_map_m for view in views]))
+    size = size_m / ground_per_unit((corners.min(axis=0) + corners.max(axis=0)) / 2.0, map_frame)
     return MapGrid.covering(corners, map_frame, pixel_size=size, tile_size=tile_size)
 
 
-def plan_tiles(trajectory: Trajectory, grid: MapGrid, map_frame: MapFrame) -> list[TileJob]:
+def plan_tiles(trajectory: Trajectory, grid: MapGrid, map_frame: CrsFrame) -> list[TileJob]:
     """Return a job for every tile that some frame sees, row by row."""
     return list(plan_jobs(views_of(trajectory), grid, map_frame))
 
 
-def plan_jobs(views: Sequence[View], grid: MapGrid, map_frame: MapFrame) -> Iterator[TileJob]:
+def plan_jobs(views: Sequence[View], grid: MapGrid, map_frame: CrsFrame) -> Iterator[TileJob]:
     """Yield the jobs of ``plan_tiles``; holds what concerns one row of tiles at a time."""
-    spans = [_tile_span(view, grid, map_frame) for view in views]
+    spans = [tile_span(view, grid, map_frame) for view in views]
     by_first_row: defaultdict[int, list[int]] = defaultdict(list)
     for index, span in enumerate(spans):
         if span is not None:
@@ -88,7 +98,7 @@ def plan_jobs(views: Sequence[View], grid: MapGrid, map_frame: MapFrame) -> Iter
                 yield job
 
 
-class _TileSpan(NamedTuple):
+class TileSpan(NamedTuple):
     """The tiles that a footprint's bounding box touches."""
 
     first_row: int
@@ -131,23 +141,24 @@ def _refuse_absurd_extent(views: list[View], pixel_size: float) -> None:
     raise DataError(f"{size}: ask for coarser pixels with --gsd (now {pixel_size:.3g} m)")
 
 
-def _tile_span(view: View, grid: MapGrid, map_frame: MapFrame) -> _TileSpan | None:
+def tile_span(view: View, grid: MapGrid, map_frame: CrsFrame) -> TileSpan | None:
+    """Return the tiles that a view's bounding box touches; ``None`` where it lies beside the grid."""
     low, high = _pixel_box(view, grid, map_frame)
     if (high < -0.5).any() or low[0] > grid.width - 0.5 or low[1] > grid.height - 0.5:
         return None
     first = np.maximum(np.floor((low - _FEATHER_PX) / grid.tile_size), 0).astype(int)
     last = np.floor((high + _FEATHER_PX) / grid.tile_size).astype(int)
-    return _TileSpan(
+    return TileSpan(
         int(first[1]), min(int(last[1]), grid.tile_rows - 1), int(first[0]), min(int(last[0]), grid.tile_cols - 1)
     )
 
 
-def _pixel_box(view: View, grid: MapGrid, map_frame: MapFrame) -> tuple[FloatArray, FloatArray]:
+def _pixel_box(view: View, grid: MapGrid, map_frame: CrsFrame) -> tuple[FloatArray, FloatArray]:
     px = grid.to_px(map_frame.to_crs(view.hull_xy_map_m))
     return px.min(axis=0), px.max(axis=0)
 
 
-def _footing(view: View, grid: MapGrid, map_frame: MapFrame) -> _Footing:
+def _footing(view: View, grid: MapGrid, map_frame: CrsFrame) -> _Footing:
     low, high = _pixel_box(view, grid, map_frame)
     low, high = np.maximum(low, 0.0), np.minimum(high, (grid.width, grid.height))
     col0, row0 = (int(v) for v in np.floor((low - _FEATHER_PX) / BLOCK_PX))
@@ -155,14 +166,16 @@ def _footing(view: View, grid: MapGrid, map_frame: MapFrame) -> _Footing:
     cols, rows = np.arange(col0, col1 + 1), np.arange(row0, row1 + 1)
     centres = np.stack(np.meshgrid((cols + 0.5) * BLOCK_PX - 0.5, (rows + 0.5) * BLOCK_PX - 0.5), axis=-1)
     xy_map = map_frame.from_crs(grid.to_crs(centres.reshape(-1, 2)))
+    pixel_m = ground_pixel_m(grid, map_frame)
     reach_px = BLOCK_PX / math.sqrt(2.0) + _FEATHER_PX
-    xy = view.locate(xy_map, slack_m=2.0 * reach_px * grid.pixel_size)
+    xy = view.locate(xy_map, slack_m=2.0 * reach_px * pixel_m)
     shape = (len(rows), len(cols))
-    radius, border = radius_and_border(view, xy[:, 0].reshape(shape), xy[:, 1].reshape(shape))
-    delta = _CURVATURE * reach_px * grid.pixel_size / view.gsd_m_per_px
+    x, y = xy[:, 0].reshape(shape), xy[:, 1].reshape(shape)
+    distance, (_, border) = distance_from_middle(view, x, y), radius_and_border(view, x, y)
+    delta = _CURVATURE * reach_px * pixel_m / view.gsd_m_per_px
     with np.errstate(invalid="ignore"):
-        lower = choice_cost(view, np.maximum(radius - delta, 0.0), border + delta)
-        upper = choice_cost(view, radius + delta, border - delta)
+        lower = choice_cost(view, np.maximum(distance - delta, 0.0), border + delta)
+        upper = choice_cost(view, distance + delta, border - delta)
         lower = np.where(border + delta >= 0.0, lower, np.inf)  # NaN compares false: not seen
         upper = np.where(border - delta >= 0.0, upper, np.inf)
         deep = border - delta >= taper_px(view)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import zlib
 from collections import OrderedDict
 from dataclasses import asdict
 from pathlib import Path
@@ -22,6 +23,10 @@ from photomap_gis.core.errors import DataError, OutputError
 from photomap_gis.core.grid import MapGrid, TileIndex, Window
 
 RgbaArray = npt.NDArray[np.uint8]
+SourceArray = npt.NDArray[np.int32]
+
+NOBODY = -1
+"""In place of a frame's number where the map shows nothing."""
 
 _FORMAT = 1
 _GRID_FILE = "grid.json"
@@ -35,7 +40,7 @@ class TileStore:
     """A folder of tiles, read as ``core.mosaic.TileSource``; safe among threads.
 
     ``grid.json`` says what the tiles are; ``<row>/<col>.png`` is a tile, ``<row>/<col>.empty`` one that was rendered
-    and shows nothing.
+    and shows nothing; ``<row>/<col>.src`` says which frame each of its pixels shows.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -86,8 +91,11 @@ class TileStore:
         """Whether the tile was written, empty or not."""
         return self._path(tile).exists() or self._path(tile, ".empty").exists()
 
-    def write(self, tile: TileIndex, rgba: RgbaArray) -> None:
-        """Write a tile, ``(height, width, 4)`` RGBA of the size of the grid's window; whole or not at all."""
+    def write(self, tile: TileIndex, rgba: RgbaArray, source: SourceArray | None = None) -> None:
+        """Write a tile, ``(height, width, 4)`` RGBA of the size of the grid's window; whole or not at all.
+
+        ``source`` is ``(height, width)``: the number of the frame that each pixel shows.
+        """
         window = self._grid.window(tile)
         if rgba.shape != (window.height, window.width, 4) or rgba.dtype != np.uint8:
             raise ValueError(f"rgba must be uint8 {(window.height, window.width, 4)}, got {rgba.dtype} {rgba.shape}")
@@ -100,6 +108,9 @@ class TileStore:
             if tile.row not in self._made_rows:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._made_rows.add(tile.row)
+            if seen and source is not None:  # before the tile: where that lies, this does
+                packed = zlib.compress(np.ascontiguousarray(source, dtype="<i4").tobytes(), 1)
+                write_atomically(self._path(tile, ".src"), packed)
             write_atomically(path, data)
             other.unlink(missing_ok=True)
         except OSError as error:
@@ -126,6 +137,24 @@ class TileStore:
                         y0 - y : y1 - y, x0 - x : x1 - x
                     ]
         return out
+
+    def read_source(self, tile: TileIndex) -> SourceArray:
+        """``(height, width)`` int32 the frame that each pixel of a tile shows; ``NOBODY`` where it shows nothing."""
+        window, path = self._grid.window(tile), self._path(tile, ".src")
+        shape = (window.height, window.width)
+        if not self._path(tile).exists():
+            return np.full(shape, NOBODY, dtype=np.int32)
+        try:
+            packed = path.read_bytes()
+            data = zlib.decompressobj().decompress(packed, 4 * shape[0] * shape[1] + 1)
+            return np.frombuffer(data, dtype="<i4").reshape(shape).astype(np.int32)
+        except FileNotFoundError as error:
+            raise DataError(
+                f"{self._folder}: this map was drawn by a version that did not note which frame shows what; "
+                "draw it again by 'photomap solve MISSION'"
+            ) from error
+        except (OSError, ValueError, zlib.error) as error:
+            raise DataError(f"{path}: damaged; remove the folder and render the map again") from error
 
     def _tile(self, tile: TileIndex) -> RgbaArray | None:
         with self._lock:
@@ -210,7 +239,7 @@ def _remove_tiles(folder: Path) -> None:
         if not (row.is_dir() and row.name.isdigit()):
             continue
         for path in row.iterdir():
-            if path.suffix in (".png", ".empty", ".tmp"):
+            if path.suffix in (".png", ".src", ".empty", ".tmp"):
                 path.unlink()
         if not any(row.iterdir()):
             row.rmdir()
@@ -218,7 +247,7 @@ def _remove_tiles(folder: Path) -> None:
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Write a file whole or not at all."""
-    temporary = path.with_name(f"{path.name}.{threading.get_ident()}.tmp")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
     with temporary.open("wb") as file:
         file.write(data)
         file.flush()

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,9 @@ MIN_SPACING = 0.1
 MAX_COARSENING = 4.0
 """Pixels whose ground sampling is this many times coarser than at the frame's centre are not pasted (horizons)."""
 
+MAX_OFF_CENTRE = 0.35
+"""A frame is not preferred where it looks straight down if that is farther off its centre than this share of a side."""
+
 SPARE_ADDS = 0.015
 """A crowded frame is of use where it adds this share of its footprint to the map."""
 
@@ -45,7 +49,9 @@ class View:
     """A frame that may be pasted.
 
     ``tier`` ranks it (0 best). ``hull_xy_map_m`` is the ``(K, 2)`` convex hull of its usable footprint, turning
-    from x to y. ``resolution_cost`` is what its ground sampling adds to the cost of choosing it.
+    from x to y. ``resolution_cost`` is what its ground sampling adds to the cost of choosing it, ``preference_cost``
+    what the user's wish adds. ``middle_xy_px`` is the ``(2,)`` pixel from which a frame is chosen before others: where
+    it looks straight down, or the raster's centre.
     """
 
     placement: FramePlacement
@@ -54,6 +60,8 @@ class View:
     resolution_cost: float
     centre_xy_map_m: FloatArray
     hull_xy_map_m: FloatArray
+    middle_xy_px: FloatArray
+    preference_cost: float = 0.0
 
     @property
     def frame(self) -> int:
@@ -76,6 +84,11 @@ class View:
         The footprint is asked first because a distorted camera folds far-away ground back into its picture: there
         the polynomial of the lens no longer means anything.
         """
+        (left, top), (right, bottom) = xy_map_m.min(axis=0), xy_map_m.max(axis=0)
+        box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+        # What is near is convex: where the points' box is, they all are.
+        if (distance_inside(self.hull_xy_map_m, box) >= -slack_m).all():
+            return self.placement.camera_to_map.unproject(xy_map_m)
         near = distance_inside(self.hull_xy_map_m, xy_map_m) >= -slack_m
         if near.all():
             return self.placement.camera_to_map.unproject(xy_map_m)
@@ -85,9 +98,12 @@ class View:
         return xy_px
 
 
-def views_of(trajectory: Trajectory) -> list[View]:
-    """Return a view for every registered or GPS-placed frame that sees ground, in the trajectory's order."""
-    usable = [view for placement in trajectory.placements if (view := _view_of(placement)) is not None]
+def views_of(trajectory: Trajectory, costs: Mapping[int, float] = MappingProxyType({})) -> list[View]:
+    """Return a view for every registered or GPS-placed frame that adds ground, in the trajectory's order.
+
+    ``costs`` are those of the user's preference by frame: of a crowd the cheapest frame gets the cell.
+    """
+    usable = [replace(view, preference_cost=costs.get(view.frame, 0.0)) for view in all_views_of(trajectory)]
     if not usable:
         return []
     reference_gsd = float(np.median([view.gsd_m_per_px for view in usable]))
@@ -100,6 +116,11 @@ def views_of(trajectory: Trajectory) -> list[View]:
         for view, crowded in zip(usable, _crowded(usable), strict=True)
     ]
     return _that_add_ground(ranked, reference_gsd)
+
+
+def all_views_of(trajectory: Trajectory) -> list[View]:
+    """Return a view, not ranked yet, for every registered or GPS-placed frame that sees ground at all."""
+    return [view for placement in trajectory.placements if (view := _view_of(placement)) is not None]
 
 
 def _view_of(placement: FramePlacement) -> View | None:
@@ -118,7 +139,25 @@ def _view_of(placement: FramePlacement) -> View | None:
     if len(hull) < 3:
         return None
     tier = 0 if placement.status is FrameStatus.REGISTERED else FILL_TIER
-    return View(placement, tier, gsd, 0.0, centre, hull)
+    return View(placement, tier, gsd, 0.0, centre, hull, _middle_xy_px(placement))
+
+
+def _middle_xy_px(placement: FramePlacement) -> FloatArray:
+    """Return the pixel that looks straight down, no farther from the raster's centre than ``MAX_OFF_CENTRE``.
+
+    What stands on the ground leans away from that pixel. Where the camera is not known to lean it is the centre.
+    """
+    centre = placement.centre_xy_px[0]
+    plumb = placement.plumb_xy_map_m
+    if plumb is None:
+        return centre
+    with np.errstate(all="ignore"):
+        off = placement.camera_to_map.unproject(plumb[None])[0] - centre
+    size = float(np.hypot(*off))
+    limit = MAX_OFF_CENTRE * min(placement.width_px, placement.height_px)
+    if not math.isfinite(size):
+        return centre
+    return np.asarray(centre + off * min(1.0, limit / max(size, 1e-9)))
 
 
 def _usable_footprint(placement: FramePlacement, gsd: float) -> FloatArray:
@@ -161,10 +200,14 @@ def _resolution_cost(ratio: float) -> float:
 
 
 def _crowded(views: list[View]) -> list[bool]:
-    """Say for each view whether it is too close to an earlier one of its tier, and not finer, to get its own cell."""
+    """Say for each view whether it is too close to a preferred one of its tier, and not finer, to get its own cell.
+
+    Among equals the earlier one is preferred.
+    """
     crowded: dict[int, bool] = {}
     for tier in sorted({view.tier for view in views}):
         same = [(i, view) for i, view in enumerate(views) if view.tier == tier]
+        same.sort(key=lambda at: at[1].preference_cost)
         cell = MIN_SPACING * max(2.0 * view.half_diagonal_px * view.gsd_m_per_px for _, view in same)
         kept: defaultdict[tuple[int, int], list[View]] = defaultdict(list)
         for i, view in same:
@@ -181,7 +224,7 @@ def _that_add_ground(views: list[View], reference_gsd: float) -> list[View]:
     side_px = float(np.median([min(view.placement.width_px, view.placement.height_px) for view in views]))
     seen = SeenGround(side_px * reference_gsd / _CELLS_PER_SIDE)
     left_out: set[int] = set()
-    for index in sorted(range(len(views)), key=lambda i: views[i].tier):
+    for index in sorted(range(len(views)), key=lambda i: (views[i].tier, views[i].preference_cost)):
         crowded = views[index].tier % 2 == SPARE_TIER
         if seen.add(views[index].hull_xy_map_m, least_new=SPARE_ADDS if crowded else 0.0) < 0:
             left_out.add(index)
@@ -189,7 +232,7 @@ def _that_add_ground(views: list[View], reference_gsd: float) -> list[View]:
 
 
 def _crowds(kept: View, view: View) -> bool:
-    if view.gsd_m_per_px < 0.8 * kept.gsd_m_per_px:
+    if view.gsd_m_per_px < 0.8 * kept.gsd_m_per_px and view.preference_cost <= kept.preference_cost:
         return False
     reach = MIN_SPACING * 2.0 * min(v.half_diagonal_px * v.gsd_m_per_px for v in (kept, view))
     return math.dist(kept.centre_xy_map_m, view.centre_xy_map_m) < reach

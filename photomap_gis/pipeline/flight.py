@@ -14,6 +14,7 @@ from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.posegraph import PointKind
 from photomap_gis.georef import plane_view
+from photomap_gis.parallel import check_scheduler
 from photomap_gis.pipeline.align import aligned, track_shifts
 from photomap_gis.pipeline.control import (
     ControlRequest,
@@ -37,9 +38,13 @@ from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.pipeline.solve import lag_warnings, solve_mission
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.pipeline.summary import MapSummary, ReferenceSummary
+from photomap_gis.pipeline.terrain import terrain_under
 from photomap_gis.store import ControlRecord, Mission
 
 logger = logging.getLogger(__name__)
+
+MORE_LOOPS = 3
+"""So many times more, at most, loops are sought that a newer solution shows."""
 
 
 class StageClock:
@@ -78,6 +83,8 @@ def map_flight(
     """
     clock = StageClock()
     read_request(control)
+    if settings is not None and settings.scheduler is not None:
+        check_scheduler(settings.scheduler)  # told before anyone waits
     with clock("ingest"):
         mission, settings = open_mission(
             sources, folder, settings or MapSettings(), add=add, on_progress=on_progress,
@@ -101,7 +108,8 @@ def map_flight(
             solved = solve_mission(
                 mission, frames, views, measurements, settings, with_control=False, shifts_s=shifts_s
             )
-        for more in (measurements.take_loops, measurements.take_missing):
+        rounds = (measurements.take_loops, measurements.take_missing, *[measurements.take_loops] * MORE_LOOPS)
+        for n, more in enumerate(rounds):
             with clock("loops"):
                 gained = more(solved.clusters(views))
             if gained:
@@ -109,6 +117,8 @@ def map_flight(
                     solved = solve_mission(
                         mission, frames, views, measurements, settings, with_control=False, shifts_s=shifts_s
                     )
+            elif n > 1:
+                break  # a solution that is as it was shows nothing new
         solve = partial(solve_mission, mission, frames, views, measurements, settings, shifts_s=shifts_s)
         if mission.load_control() != ControlRecord():
             with clock("solve"):
@@ -137,7 +147,12 @@ def settle(
     rejected = () if solved.solution is None else solved.solution.rejected_points
     aside = {k for k in rejected if k < len(points)}
     flat = solved
-    solved = solve_in_space(frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m)
+    terrain, holes = None, list[str]()
+    if settings.dem is not None and solved.georeferenced and solved.trajectory.placements:
+        terrain, holes = terrain_under(Path(settings.dem), solved.trajectory, solved.map_frame)
+    solved = solve_in_space(
+        frames, views, measurements, solved, antenna_offset_m=settings.antenna_offset_m, terrain=terrain
+    )
     on_flat, on_posed = (judge_points(points, aside, s.trajectory) for s in (flat, solved))
     if misses_its_points(on_posed, on_flat):
         logger.info("cameras posed in space miss the control points: the flat solution stands")
@@ -148,9 +163,11 @@ def settle(
         solved = replace(solved, trajectory=moved(solved.trajectory, motion))
     results = judge_points(points, aside, solved.trajectory)
     names = {f.index: f.name for f in frames}
-    words = lag_warnings(mission, solved.fix_lags)
+    words = holes + lag_warnings(mission, solved.fix_lags)
     words += words_on(results, points, sorted(aside), names)
     words += words_on_checks(points, solved.trajectory, names)
+    if settings.dem is not None and solved.trajectory is flat.trajectory:
+        words.append("--dem was not used: cameras could not be posed in space; lenses and registrations must be known")
     return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 
@@ -169,16 +186,17 @@ def finish(
     with clock("render"):
         maps = draw_maps(mission, solved, settings, on_progress)
     with clock("export"):
-        outputs = deliver(mission, solved, maps, on_progress)
+        outputs = deliver(mission, solved, maps, on_progress, layers=bool(settings.layers))
     first = maps[0]
     return MapSummary(
         mission=str(folder),
         map=str(folder / "map.tif"),
         crs=solved.crs_name(settings.crs),
         georeferenced=solved.georeferenced,
-        gsd_m_per_px=first.store.grid.pixel_size,
+        gsd_m_per_px=first.gsd_m_per_px,
         area_m2=first.area if solved.georeferenced else None,
         bounds=first.store.grid.bounds,
+        size_m=(first.store.grid.width * first.gsd_m_per_px, first.store.grid.height * first.gsd_m_per_px),
         frames={"total": len(solved.frames), **solved.count_by_status()},
         registrations=measurements.count_accepted(),
         segments=solved.segments,

@@ -12,6 +12,7 @@ import numpy as np
 
 from photomap_gis.core.camera import Camera, PlaneView
 from photomap_gis.core.frame import FrameRef, level_rotation
+from photomap_gis.core.ground import HeightField
 from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
 from photomap_gis.core.posegraph import PointObservation, PositionObservation, Solution, Trajectory
 from photomap_gis.core.similarity import FloatArray
@@ -60,10 +61,12 @@ def solve_in_space(
     solved: Solved,
     *,
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    terrain: HeightField | None = None,
 ) -> Solved:
     """Return the solution with its registered frames posed in space; as it was where that cannot be told.
 
-    ``views`` are those that the frames were registered through, ``antenna_offset_m`` as in ``georef.observe``.
+    ``views`` are those that the frames were registered through, ``antenna_offset_m`` as in ``georef.observe``;
+    ``terrain`` is the ground's shape where it is known.
     """
     starts = _starts({f.index: f for f in frames}, solved)
     records = [r for r in measurements.accepted if r.ties is not None and r.a in starts and r.b in starts]
@@ -79,13 +82,13 @@ def solve_in_space(
     points = _used_points(solved, node)
     if points:
         fixes = _as_biased_as_shown(fixes, starts)
-    problem = _problem([starts[f] for f in order], node, ties, fixes, points)
+    problem = replace(_problem([starts[f] for f in order], node, ties, fixes, points), terrain=terrain)
     try:
         bundle = bundle_adjust(problem)
         if solved.solution is not None and solved.solution.fix_lags_s:
             # a camera that looks ahead looks like a late fix on the plane; in space they are told apart
             solved, fixes = _in_time(solved, solved.solution, bundle, node, fixes)
-            problem = _problem([starts[f] for f in order], node, ties, fixes, points)
+            problem = replace(_problem([starts[f] for f in order], node, ties, fixes, points), terrain=terrain)
             bundle = bundle_adjust(problem)
     except np.linalg.LinAlgError as error:
         logger.warning("cameras could not be posed in space (%s): the flat solution stands", error)

@@ -7,7 +7,9 @@ import math
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from itertools import pairwise
+from uuid import uuid4
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from photomap_gis.parallel import map_jobs
 from photomap_gis.pipeline.prepare import SpectrumShelf
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.slam.candidates import Candidate, candidates
-from photomap_gis.store import Mission, PreparedFrame, RegistrationRecord
+from photomap_gis.store import Mission, MissionPaths, PreparedFrame, RegistrationRecord
 
 logger = logging.getLogger(__name__)
 
@@ -111,6 +113,7 @@ class Measurements:
         self._settings = settings
         self._on_progress = on_progress
         self.prepared = prepared
+        self._run = uuid4().hex
         self.records: dict[tuple[int, int], RegistrationRecord] = {}
         self._tries: Counter[tuple[int, int]] = Counter()
         self._earlier: defaultdict[tuple[int, int], deque[RegistrationRecord]] = defaultdict(deque)
@@ -135,8 +138,13 @@ class Measurements:
 
         Poses from a chain and GPS may be off by more than they say: the search is free, by spectra alone. Each cluster
         of frames has a map frame of its own; where there are several, nothing says how they lie to each other, and
-        pairs between them are tried in order.
+        pairs between them are tried in order. Asked again with a newer solution, it tries what that shows besides: a
+        frame's registrations so far count against what may be spent on it.
         """
+        spent: Counter[int] = Counter()
+        for r in self.accepted:
+            if r.kind is EdgeKind.LOOP:
+                spent.update((r.a, r.b))
         pairs = [
             Pair(c.a, c.b, EdgeKind.LOOP, fallback=False)
             for cluster in map(self._usable, clusters)
@@ -146,6 +154,7 @@ class Measurements:
                 exclude=self._tries.keys(),
                 min_overlap=MIN_OVERLAP,
                 max_per_frame=PER_FRAME,
+                spent=spent,
             )
         ]
         if len(clusters) > 1:
@@ -195,7 +204,11 @@ class Measurements:
         todo = [p for p in pairs if again or _key(p.a, p.b) not in self._tries]
         known = [left.popleft() if (left := self._earlier.get(_key(p.a, p.b))) else None for p in todo]
         new = [p for p, record in zip(todo, known, strict=True) if record is None]
-        measured = map_jobs(self._measure, new, workers=self._settings.workers)
+        if self._settings.scheduler is None:
+            measured = map_jobs(self._measure, new, workers=self._settings.workers)
+        else:
+            there = partial(measure_there, self._mission.paths, self._run)
+            measured = map_jobs(there, new, scheduler=self._settings.scheduler)
         gained = done = 0
         for pair, record in zip(todo, known, strict=True):
             key = _key(pair.a, pair.b)
@@ -212,12 +225,30 @@ class Measurements:
         return gained
 
     def _measure(self, pair: Pair) -> RegistrationRecord | None:
-        try:
-            found = register(self._shelf[pair.a], self._shelf[pair.b], prior=pair.prior, fallback=pair.fallback)
-        except FrameReadError as error:  # costs this frame's pairs only
-            logger.warning("%s", error)
-            return None
-        return RegistrationRecord.of(found, pair.kind)
+        return measured_pair(self._shelf, pair)
+
+
+def measured_pair(shelf: SpectrumShelf, pair: Pair) -> RegistrationRecord | None:
+    """Return the registration of a pair; ``None`` where a working image cannot be read."""
+    try:
+        found = register(shelf[pair.a], shelf[pair.b], prior=pair.prior, fallback=pair.fallback)
+    except FrameReadError as error:  # costs this frame's pairs only
+        logger.warning("%s", error)
+        return None
+    return RegistrationRecord.of(found, pair.kind)
+
+
+def measure_there(paths: MissionPaths, run: str, pair: Pair) -> RegistrationRecord | None:
+    """Register a pair on the machine where this is called: it opens the working images itself.
+
+    ``run`` names a run of the mission: the spectra of another one may be of images that have been masked since.
+    """
+    return measured_pair(_shelf_of(paths, run), pair)
+
+
+@lru_cache(maxsize=1)
+def _shelf_of(paths: MissionPaths, run: str) -> SpectrumShelf:
+    return SpectrumShelf(paths)
 
 
 def _key(a: int, b: int) -> tuple[int, int]:

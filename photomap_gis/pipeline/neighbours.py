@@ -9,6 +9,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -76,6 +77,7 @@ def judge_neighbours(
     *,
     workers: int | None,
     on_progress: Progress,
+    scheduler: str | None = None,
 ) -> None:
     """Register every usable frame with the usable one before it, and mask or reject what does not fit.
 
@@ -88,7 +90,8 @@ def judge_neighbours(
     while pairs := _open_pairs(frames, prepared, chain):
         total = done + len(pairs)
         chain.begin_round()
-        results = map_jobs(lambda pair: _meet(pair, images, video=pair[1] in videos), pairs, workers=workers)
+        jobs = [(pair, pair[1] in videos) for pair in pairs]
+        results = map_jobs(partial(_met, images), jobs, workers=workers, scheduler=scheduler)
         for pair, found, following in _with_next(pairs, results):
             chain.take(pair, found, following)
             done += 1
@@ -115,6 +118,12 @@ def _with_next(
         waiting = pair, found
     if waiting is not None:
         yield (*waiting, None)
+
+
+def _met(images: WorkingImages, job: tuple[tuple[int, int], bool]) -> Met | None:
+    """``_meet`` as a job that can be sent to another machine."""
+    pair, video = job
+    return _meet(pair, images, video=video)
 
 
 def _meet(pair: tuple[int, int], images: WorkingImages, *, video: bool) -> Met | None:

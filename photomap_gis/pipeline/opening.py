@@ -16,6 +16,7 @@ from photomap_gis.core.frame import Footage
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.georef import choose_map_frame, resolve_crs
 from photomap_gis.ingest import open_sources
+from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.reference import ReferenceImage
 from photomap_gis.store import Mission, MissionHeader
@@ -42,6 +43,8 @@ def open_mission(
     for reference in settings.references:
         with ReferenceImage(Path(reference)):
             pass  # so is a file that cannot be used
+    if settings.dem is not None:
+        check_dem(Path(settings.dem))
     with_control = with_control or bool(settings.references)
     look = partial(on_progress, "look")
     if add:
@@ -49,9 +52,10 @@ def open_mission(
         known = kept_settings(mission)
         settings = replace(settings, crs=settings.crs or known.crs, work_size_px=known.work_size_px,
                            antenna_offset_m=settings.antenna_offset_m if any(settings.antenna_offset_m)
-                           else known.antenna_offset_m)  # fmt: skip
+                           else known.antenna_offset_m, dem=settings.dem or known.dem)  # fmt: skip
+        keep_dem(mission, settings.dem)
         _extend(mission, sources, settings, look, with_control or bool(mission.load_control().points))
-        return mission, settings
+        return mission, keep_drawing(mission, settings)
     names = tuple(str(Path(s).absolute()) for s in sources)
     if Mission.exists(folder):
         mission = Mission.open(folder)
@@ -62,11 +66,13 @@ def open_mission(
                 f"{folder} holds a mission of other sources or settings: extend it by --add, "
                 "or choose another folder by -o"
             )
-        return mission, settings
+        settings = replace(settings, dem=settings.dem or kept_settings(mission).dem)
+        keep_dem(mission, settings.dem)
+        return mission, keep_drawing(mission, settings)
     footage = open_sources(sources, settings.ingest, on_progress=look)
     header = MissionHeader(
         sources=names,
-        settings=_SETTINGS.dump_python(settings, mode="json"),
+        settings=_SETTINGS.dump_python(replace(settings, scheduler=None), mode="json"),  # a scheduler is of one run
         map_frame=_map_frame(footage, settings, with_control=with_control),
         created_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         product=f"photomap {__version__}",
@@ -78,6 +84,23 @@ def open_mission(
 def kept_settings(mission: Mission) -> MapSettings:
     """Return the settings that a mission was made with."""
     return _SETTINGS.validate_python(mission.header.settings)
+
+
+def keep_drawing(mission: Mission, settings: MapSettings) -> MapSettings:
+    """Have the mission keep how its map is drawn, and return the settings; what they leave open is as it was."""
+    known = kept_settings(mission)
+    prefer = known.prefer if settings.prefer is None else settings.prefer
+    layers = known.layers if settings.layers is None else settings.layers
+    if (prefer, layers) != (known.prefer, known.layers):
+        kept = _SETTINGS.dump_python(replace(known, prefer=prefer, layers=layers), mode="json")
+        mission.save_header(replace(mission.header, settings=kept))
+    return replace(settings, prefer=prefer, layers=layers)
+
+
+def keep_dem(mission: Mission, dem: str | None) -> None:
+    """Write down the ground's heights by which a mission is solved from now on; ``None`` changes nothing."""
+    if dem is not None and dem != kept_settings(mission).dem:
+        mission.save_header(replace(mission.header, settings={**mission.header.settings, "dem": dem}))
 
 
 def _extend(
@@ -126,7 +149,10 @@ def _map_frame(footage: Footage, settings: MapSettings, *, with_control: bool = 
 def _shaping(settings: dict[str, object]) -> dict[str, object]:
     """Return the settings that shape measurements: a resumed run may use other threads, memory and pixels.
 
-    References come in after all measuring, and the mission keeps what they say.
+    References come in after all measuring, and the mission keeps what they say; so does the ground's shape.
     """
-    free = {"workers", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m"}
+    free = {
+        "workers", "scheduler", "memory_mb", "gsd_m_per_px", "references", "reference_sigma_m", "prefer", "layers",
+        "dem",
+    }  # fmt: skip
     return {k: v for k, v in settings.items() if k not in free}

@@ -27,7 +27,7 @@ from photomap_gis.parallel import map_jobs
 from photomap_gis.pipeline.neighbours import WorkingImages, judge_neighbours
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.publish import write_file
-from photomap_gis.store import Mission, PreparedFrame
+from photomap_gis.store import Mission, MissionPaths, PreparedFrame
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class SpectrumShelf:
     milliseconds and no second look at the source.
     """
 
-    def __init__(self, mission: Mission, *, capacity: int = 160) -> None:
+    def __init__(self, mission: Mission | MissionPaths, *, capacity: int = 160) -> None:
         self._mission = mission
         self._capacity = capacity
         self._spectra: OrderedDict[int, Spectrum] = OrderedDict()
@@ -123,8 +123,9 @@ def prepare_frames(
         prepared[record.frame] = record
         done += 1
         on_progress("read", done, len(frames))
-    images = WorkingImages(partial(_load_working, mission), partial(_keep_working, mission))
-    judge_neighbours(mission, frames, prepared, images, workers=settings.workers, on_progress=on_progress)
+    images = WorkingImages(partial(_load_working, mission.paths), partial(_keep_working, mission.paths))
+    judge_neighbours(mission, frames, prepared, images, workers=settings.workers, scheduler=settings.scheduler,
+                     on_progress=on_progress)  # fmt: skip
     return prepared
 
 
@@ -141,7 +142,7 @@ def _last_good(
     return None
 
 
-def read_pixels(mission: Mission, ref: FrameRef) -> ImageArray:
+def read_pixels(mission: Mission | MissionPaths, ref: FrameRef) -> ImageArray:
     """Return a frame's pixels at full resolution, from the mission where it keeps them, else from the source."""
     kept = mission.video_frame_path(ref.index)
     if ref.frame_number is not None and kept.is_file():
@@ -167,7 +168,9 @@ def _keep_video_frame(mission: Mission, frame: Frame) -> None:
     write_file(mission.video_frame_path(frame.ref.index), jpeg.tobytes())
 
 
-def _keep_working(mission: Mission, frame: int, grey: ImageArray, mask: npt.NDArray[np.bool_] | None) -> None:
+def _keep_working(
+    mission: Mission | MissionPaths, frame: int, grey: ImageArray, mask: npt.NDArray[np.bool_] | None
+) -> None:
     # The mask, where there is one, is the second half of the picture's rows.
     picture = grey if mask is None else np.concatenate([grey, mask.astype(np.uint8) * 255])
     ok, png = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -177,7 +180,7 @@ def _keep_working(mission: Mission, frame: int, grey: ImageArray, mask: npt.NDAr
     write_file(path.with_suffix(".masked.png") if mask is not None else path, png.tobytes())
 
 
-def _load_working(mission: Mission, frame: int) -> tuple[ImageArray, npt.NDArray[np.bool_] | None]:
+def _load_working(mission: Mission | MissionPaths, frame: int) -> tuple[ImageArray, npt.NDArray[np.bool_] | None]:
     path = mission.work_image_path(frame)
     masked = path.with_suffix(".masked.png")
     content = masked if masked.is_file() else path

@@ -19,14 +19,15 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
+from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.align import aligned
 from photomap_gis.pipeline.control import ControlRequest, keep_control, keep_request, read_request
 from photomap_gis.pipeline.flight import StageClock, finish, settle
 from photomap_gis.pipeline.measure import Measurements
-from photomap_gis.pipeline.opening import kept_settings
+from photomap_gis.pipeline.opening import keep_dem, keep_drawing, kept_settings
 from photomap_gis.pipeline.prepare import SpectrumShelf
 from photomap_gis.pipeline.reference import take_references
-from photomap_gis.pipeline.settings import MapSettings, Progress
+from photomap_gis.pipeline.settings import Drawing, MapSettings, Progress
 from photomap_gis.pipeline.solve import solve_mission
 from photomap_gis.pipeline.solved import PASTED, Solved
 from photomap_gis.pipeline.summary import MapSummary
@@ -54,19 +55,25 @@ def solve_again(
     folder: Path,
     control: ControlRequest | None = None,
     *,
+    drawing: Drawing | None = None,
+    dem: Path | None = None,
     on_progress: Progress = lambda stage, done, total: None,
 ) -> MapSummary:
     """Solve a finished mission again from its journals, draw and export its map, and return what there is to tell.
 
-    Ground control that is asked for takes the place of what the mission has of it; without it that holds. Where nothing
-    could be placed, the mission is left as it was. Raises ``PhotomapError`` children.
+    Ground control that is asked for takes the place of what the mission has of it; without it that holds; likewise how
+    the map is drawn. ``dem`` is a file of the ground's heights, kept in the mission too. Where nothing could be placed,
+    the mission is left as it was. Raises ``PhotomapError`` children.
     """
     read_request(control)
+    if dem is not None:
+        check_dem(dem)
 
     def change(mission: Mission, solved: Solved, settings: MapSettings) -> None:
         keep_request(mission, control, solved.frames, settings.crs)
+        keep_dem(mission, None if dem is None else str(dem.absolute()))
 
-    return _solved_after(change, folder, on_progress)
+    return _solved_after(change, folder, on_progress, drawing or Drawing())
 
 
 def georeference(
@@ -142,12 +149,15 @@ def reference_mission(
 
 
 def _solved_after(
-    change: Callable[[Mission, Solved, MapSettings], None], folder: Path, on_progress: Progress
+    change: Callable[[Mission, Solved, MapSettings], None],
+    folder: Path,
+    on_progress: Progress,
+    drawing: Drawing = Drawing(),  # noqa: B008  (frozen)
 ) -> MapSummary:
     """Change a mission's ground control and finish it anew; where nothing can be placed, leave it as it was."""
     clock = StageClock()
     with Mission.open(folder) as mission:
-        before, settings = Solved.load(mission), kept_settings(mission)
+        before, settings = Solved.load(mission), drawing.applied_to(kept_settings(mission))
         frames = before.frames
         prepared = {p.frame: p for p in mission.prepared}
         if any(f.index not in prepared for f in frames):
@@ -159,8 +169,9 @@ def _solved_after(
         measurements = Measurements(mission, SpectrumShelf(mission), prepared, settings, on_progress)
         measurements.take_kept()
         with clock("solve"):
-            change(mission, before, settings)
             try:
+                change(mission, before, settings)
+                settings = drawing.applied_to(kept_settings(mission))
                 solved = solve_mission(mission, frames, views, measurements, settings, shifts_s=before.track_shifts_s)
                 solved = settle(mission, frames, views, measurements, settings, solved)
                 if not solved.segment_numbers:
@@ -173,6 +184,7 @@ def _solved_after(
         if kept.nudges and (kept.points or kept.picks):
             word = "the map is nudged by hand on top of its control points: 'photomap georeference --reset' drops that"
             solved = replace(solved, warnings=(*solved.warnings, word))
+        settings = keep_drawing(mission, settings)
         return finish(mission, solved, measurements, settings, clock, on_progress)
 
 

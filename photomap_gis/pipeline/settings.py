@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from photomap_gis.core.errors import UsageError
 from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.mosaic.preference import Prefer
 
 Progress = Callable[[str, int, int], None]
 """Called with (stage, done, total)."""
@@ -25,6 +26,9 @@ class MapSettings:
     ``antenna_offset_m`` is where the GPS antenna sits from the camera: forward, right, down in the vehicle's axes.
     ``work_size_px`` is the longer side of the images that are registered. ``references`` are files of existing imagery
     that the map is laid on, ``reference_sigma_m`` their own constant error per axis (``None``: one of their pixels).
+    ``prefer`` says which of several frames is shown (``None``: the steepest, or what the mission was drawn by),
+    ``layers`` whether layers are written beside the map.
+    ``dem`` is a file of the ground's heights, of which the shape is used.
     """
 
     ingest: IngestOptions = field(default_factory=IngestOptions)
@@ -33,10 +37,14 @@ class MapSettings:
     max_off_nadir_deg: float = 35.0
     work_size_px: int = 512
     workers: int | None = None
+    scheduler: str | None = None
     memory_mb: int = 512
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     references: tuple[str, ...] = ()
     reference_sigma_m: float | None = None
+    prefer: Prefer | None = None
+    layers: bool | None = None
+    dem: str | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_off_nadir_deg < 90.0:
@@ -58,3 +66,23 @@ class MapSettings:
     def max_off_nadir_rad(self) -> float:
         """Frames whose optical axis leans further from the plumb line are not pasted."""
         return math.radians(self.max_off_nadir_deg)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """How a mission's map is drawn this time; ``None``: as the mission has it."""
+
+    prefer: Prefer | None = None
+    layers: bool | None = None
+    workers: int | None = None
+    memory_mb: int | None = None
+
+    def applied_to(self, settings: MapSettings) -> MapSettings:
+        """Return the settings with what was said here."""
+        return replace(
+            settings,
+            prefer=settings.prefer if self.prefer is None else self.prefer,
+            layers=settings.layers if self.layers is None else self.layers,
+            workers=settings.workers if self.workers is None else self.workers,
+            memory_mb=settings.memory_mb if self.memory_mb is None else self.memory_mb,
+        )

@@ -36,7 +36,8 @@ class MapSummary:
     ``fit_to_gps_rms_m`` is a residual of the fit, not an accuracy; ``predicted_ce90_m`` is the accuracy that the
     solver's covariances predict, the GPS's own bias included. ``lenses`` say what the flight told of its lenses, where
     cameras could be posed in space. ``track_lags`` tells by flight how much older its positions were than its pictures
-    (``lag_s``, ``sigma_s``, ``corrected``); flights whose motion does not tell are not in it.
+    (``lag_s``, ``sigma_s``, ``corrected``); flights whose motion does not tell are not in it. ``bounds`` are in the
+    map's CRS, ``size_m`` is its width and height on the ground.
     """
 
     mission: str
@@ -46,6 +47,7 @@ class MapSummary:
     gsd_m_per_px: float
     area_m2: float | None
     bounds: tuple[float, float, float, float]
+    size_m: tuple[float, float]
     frames: Mapping[str, int]
     registrations: Mapping[str, int]
     segments: int
@@ -71,6 +73,7 @@ class MapSummary:
             "gsd_m_per_px": self.gsd_m_per_px,
             "area_m2": self.area_m2,
             "bounds": list(self.bounds),
+            "size_m": list(self.size_m),
             "frames": dict(self.frames),
             "registrations": dict(self.registrations),
             "segments": self.segments,

@@ -45,11 +45,12 @@ def candidates(
     exclude: AbstractSet[tuple[int, int]] = frozenset(),
     min_overlap: float = 0.3,
     max_per_frame: int = 12,
+    spent: Mapping[int, int] | None = None,
 ) -> list[Candidate]:
     """Return the pairs worth registering, the most informative first; the same list for the same input.
 
     ``footprints`` are the frames' outlines ``(N, 2)`` in their **planes**. ``exclude`` holds pairs in either order.
-    No frame is in more than ``max_per_frame`` pairs.
+    No frame is in more than ``max_per_frame`` pairs, those included that earlier rounds ``spent`` on it.
     """
     frames = [f for f in sorted(poses) if f in footprints and len(footprints[f]) >= 3]
     if len(frames) < 2:
@@ -73,11 +74,11 @@ def candidates(
         if (frames[a], frames[b]) not in barred
     ]
     order = {f: k for k, f in enumerate(frames)}
-    return [_candidate(a, b, o, poses) for a, b, o in _chosen(pairs, order, max_per_frame)]
+    return [_candidate(a, b, o, poses) for a, b, o in _chosen(pairs, order, max_per_frame, spent or {})]
 
 
 def _chosen(
-    pairs: list[tuple[int, int, float]], order: Mapping[int, int], max_per_frame: int
+    pairs: list[tuple[int, int, float]], order: Mapping[int, int], max_per_frame: int, spent: Mapping[int, int]
 ) -> list[tuple[int, int, float]]:
     """Take pairs by falling score, each frame within its budget, each crowd of like pairs at a discount."""
     heap = []
@@ -85,7 +86,7 @@ def _chosen(
         gap = abs(order[b] - order[a])
         heap.append((-overlap * min(1.0, gap / NEAR_IN_ORDER), 0, a, b, overlap))
     heapq.heapify(heap)
-    used: dict[int, int] = {}
+    used = dict(spent)
     crowd: dict[tuple[int, int], int] = {}
     out = []
     while heap:

@@ -4,7 +4,9 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+import rasterio
 
 from photomap_gis.cli import main
 
@@ -163,3 +165,30 @@ def test_demo_compares_with_the_truth(tmp_path, capsys):
     assert document["map"]["frames"]["registered"] == 9
     assert document["errors"]["relative_rmse_gsd"] < 5
     assert main(["demo", "-o", str(tmp_path), "-q"]) == 2, "a folder with other things is not replaced"
+
+
+def test_layers_and_preferences_from_the_command_line(mission, tmp_path, capsys):
+    folder = tmp_path / "mission"
+    shutil.copytree(mission, folder)
+    assert main(["export", str(folder), "--layers", "-o", str(tmp_path / "out"), "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["outputs"] == [str(tmp_path / "out")]
+    assert {p.stem for p in (tmp_path / "out").iterdir()} == {"last_seen", "source_frame", "views", "sigma", "searched"}
+    assert not (folder / "layers").exists()
+
+    def shown():
+        with rasterio.open(folder / "layers" / "source_frame.tif") as layer, rasterio.open(folder / "map.tif") as map_:
+            assert (layer.shape, layer.transform) == (map_.shape, map_.transform)
+            return layer.read(1)
+
+    assert main(["solve", str(folder), "--layers", "--prefer", "newest", "--memory", "256", "-q"]) == 0
+    newest = shown()
+    with rasterio.open(folder / "layers" / "last_seen.tif") as layer:
+        last = layer.read(1)
+    assert newest.max() == 5 and (last[newest == 5] == last.max()).all()
+    assert main(["solve", str(folder), "-q"]) == 0
+    assert np.array_equal(shown(), newest), "the mission keeps how it is drawn"
+    assert main(["solve", str(folder), "--prefer", "nadir", "--no-layers", "-q"]) == 0
+    assert not np.array_equal(shown(), newest), "layers that lie there are never those of an older map"
+    capsys.readouterr()
+    assert main(["solve", str(folder), "--prefer", "best", "-q"]) == 2
+    assert "newest" in capsys.readouterr().err

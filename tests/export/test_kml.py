@@ -11,7 +11,7 @@ from PIL import Image
 
 from photomap_gis.core.errors import NotGeoreferencedError, OutputError, UsageError
 from photomap_gis.core.grid import MapGrid
-from photomap_gis.export import write_kmz
+from photomap_gis.export import MapWords, write_kmz
 
 
 def box_of(element):
@@ -24,7 +24,7 @@ def archive(scene, tmp_path):
     big = np.tile(source.rgba, (2, 3, 1))
     grid = MapGrid(source.grid.crs_wkt, 391_000.0, 5_820_000.0, 0.25, big.shape[1], big.shape[0])
     path = tmp_path / "map.kmz"
-    write_kmz(scene.of_array(big, grid), path, name="A <b> & c", description='"d" < e', when="2026-11-22")
+    write_kmz(scene.of_array(big, grid), path, words=MapWords("A <b> & c", '"d" < e', last_utc="2026-11-22"))
     with zipfile.ZipFile(path) as opened:
         yield opened
 

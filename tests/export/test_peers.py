@@ -8,8 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapely.geometry import LineString
 
-from photomap_gis.export import PoseRow, write_geotiff, write_kmz, write_mbtiles, write_over, write_poses, write_tiles
+from photomap_gis.export import (
+    MapWords,
+    PoseRow,
+    VectorLayer,
+    write_geopackage,
+    write_geopdf,
+    write_geotiff,
+    write_kmz,
+    write_mbtiles,
+    write_over,
+    write_picture,
+    write_poses,
+    write_tiles,
+    write_vectors,
+)
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")
 # A stray PYTHONPATH or GDAL_DATA of this environment must not reach the system's own GDAL.
@@ -76,6 +91,17 @@ def outputs(tmp_path_factory):
     write_kmz(source, folder / "plain.kml")
     write_tiles(source, folder / "tiles", image_format="png")
     write_mbtiles(source, folder / "map.mbtiles")
+    for compression in ("zstd", "webp"):
+        write_geotiff(source, folder / f"{compression}.tif", compression=compression)
+    words = MapWords("Flood", "a map", "Fire Dept", last_utc="2026-11-25T10:00:00Z")
+    write_geopackage(source, folder / "map.gpkg", words=words)
+    write_geopackage(source, folder / "mercator.gpkg", crs="EPSG:3857", image_format="png")
+    write_picture(source, folder / "picture.png")
+    write_geopdf(source, folder / "map.pdf", words=words)
+    ring = LineString([(391_010, 5_819_990), (391_050, 5_819_950)])
+    track = [VectorLayer("track", (ring,), ({"name": "one"},))]
+    for suffix in (".gpkg", ".geojson", ".kml"):
+        write_vectors(track, folder / f"vectors{suffix}", crs_wkt="EPSG:32633", words=words)
     write_over(source, folder / "mercator.tif", folder / "over.tif", feather_px=0)
     rows = [PoseRow("a", "a.jpg", easting_m=391_010.0, northing_m=5_819_990.0, crs="EPSG:32633"), PoseRow("b", "b.jpg")]
     write_poses(rows, folder / "poses.geojson")
@@ -93,7 +119,7 @@ def test_gdalinfo(outputs, name):
     assert 52.4 < np.mean([p[1] for p in centre]) < 52.6
 
 
-@pytest.mark.parametrize("name", ["map.tif", "jpeg.tif", "mercator.tif", "over.tif"])
+@pytest.mark.parametrize("name", ["map.tif", "jpeg.tif", "zstd.tif", "webp.tif", "mercator.tif", "over.tif"])
 def test_gdals_own_cog_validator(outputs, name):
     tool("gdalinfo")
     module = "osgeo_utils.samples.validate_cloud_optimized_geotiff"
@@ -103,7 +129,10 @@ def test_gdals_own_cog_validator(outputs, name):
     assert "is a valid cloud optimized GeoTIFF" in run(SYSTEM_PYTHON, "-m", module, outputs / name)
 
 
-@pytest.mark.parametrize("name", ["map.kmz", "plain.kml", "map.mbtiles"])
+@pytest.mark.parametrize(
+    "name",
+    ["map.kmz", "plain.kml", "map.mbtiles", "map.gpkg", "mercator.gpkg", "picture.png"],
+)
 def test_gdal_reads_the_pyramids(outputs, name, scene, tmp_path):
     from PIL import Image
 
@@ -122,6 +151,24 @@ def test_ogrinfo_reads_the_vectors(outputs):
     assert "Feature Count: 2" in text
     assert "POINT (13.3" in text
     assert "POLYGON" in run(tool("ogrinfo"), "-al", outputs / "over-footprint.geojson")
+    for name in ("vectors.gpkg", "vectors.geojson", "vectors.kml"):
+        assert "LINESTRING" in run(tool("ogrinfo"), "-al", outputs / name), name
+
+
+def test_gdal_reads_the_page(outputs, scene, tmp_path):
+    from PIL import Image
+
+    source = scene.source()
+    info = json.loads(run(tool("gdalinfo"), "-json", outputs / "map.pdf"))
+    assert info["metadata"][""]["AUTHOR"] == "Fire Dept"
+    assert info["geoTransform"][0] == pytest.approx(source.grid.west, abs=1e-3)
+    # drawn finely, since the reader puts pictures on whole pixels of its own, and brought back to the map's grid
+    target = ["-t_srs", "EPSG:32633", "-te", *map(str, source.grid.bounds), "-tr", "0.25", "0.25", "-r", "average"]
+    fine = ["--config", "GDAL_PDF_DPI", "576"]
+    run(tool("gdalwarp"), "-q", *fine, *target, outputs / "map.pdf", tmp_path / "page.tif")
+    run(tool("gdal_translate"), "-q", "-of", "PNG", tmp_path / "page.tif", tmp_path / "page.png")
+    rgba = np.asarray(Image.open(tmp_path / "page.png").convert("RGBA"))
+    assert scene.errors_px(source, rgba, "EPSG:32633", source.grid.to_crs) < 0.25
 
 
 @pytest.fixture(scope="module")
@@ -143,9 +190,12 @@ def in_qgis(outputs):
         "mbtiles": (f"{outputs}/map.mbtiles", "gdal"),
         "kmz": (f"{outputs}/map.kmz", "gdal"),
         "kml": (f"{outputs}/plain.kml", "gdal"),
+        "gpkg": (f"{outputs}/map.gpkg", "gdal"),
+        "picture": (f"{outputs}/picture.png", "gdal"),
         "xyz": (xyz, "wms"),
         "poses": (f"{outputs}/poses.geojson", "ogr"),
         "footprint": (f"{outputs}/over-footprint.geojson", "ogr"),
+        "track": (f"{outputs}/vectors.kml|layername=track", "ogr"),
     }
     request = {n: (uri, provider, f"{outputs}/qgis-{n}.png", *view) for n, (uri, provider) in uris.items()}
     (outputs / "request.json").write_text(json.dumps(request))
@@ -154,7 +204,7 @@ def in_qgis(outputs):
     return json.loads(text[text.index("RESULT") + 6 :].splitlines()[0])
 
 
-@pytest.mark.parametrize("name", ["geotiff", "jpeg", "mercator", "mbtiles", "kmz", "kml", "xyz"])
+@pytest.mark.parametrize("name", ["geotiff", "jpeg", "mercator", "mbtiles", "kmz", "kml", "gpkg", "picture", "xyz"])
 def test_qgis_draws_the_map_where_it_is(outputs, in_qgis, scene, name):
     from PIL import Image
 
@@ -166,6 +216,6 @@ def test_qgis_draws_the_map_where_it_is(outputs, in_qgis, scene, name):
     assert rgba[-20:, :20, 3].max() == 0  # where nothing was seen, nothing is drawn
 
 
-@pytest.mark.parametrize(("name", "features"), [("poses", 2), ("footprint", 1)])
+@pytest.mark.parametrize(("name", "features"), [("poses", 2), ("footprint", 1), ("track", 1)])
 def test_qgis_opens_the_vectors(in_qgis, name, features):
     assert in_qgis[name] == {"valid": True, "crs": "EPSG:4326", "features": features}

@@ -108,7 +108,7 @@ def test_gdal_error_on_a_nearly_full_disk_says_so(scene, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise RasterioIOError("Write error at scanline 3")
 
-    monkeypatch.setattr(geotiff.rasterio.shutil, "copy", fail)
+    monkeypatch.setattr(geotiff.rasterio, "open", fail)
     with pytest.raises(OutputError, match="Write error at scanline 3"):
         write_geotiff(scene.small(), tmp_path / "map.tif")
     usage = type(shutil.disk_usage(tmp_path))(10**9, 10**9 - 1000, 1000)

@@ -14,6 +14,7 @@ from photomap_gis.core.errors import DataError, NotGeoreferencedError, OutputErr
 from photomap_gis.core.grid import MapGrid
 from photomap_gis.export import write_mbtiles, write_tiles
 from photomap_gis.export.encode import TileFormat, encode
+from photomap_gis.export.words import MapWords
 
 
 def keys_of(folder, suffix="png"):
@@ -22,7 +23,7 @@ def keys_of(folder, suffix="png"):
 
 def test_tile_json(scene, tmp_path):
     source = scene.source()
-    count = write_tiles(source, tmp_path / "t", name="Flood </script>", description="d", attribution="a")
+    count = write_tiles(source, tmp_path / "t", words=MapWords("Flood </script>", "d", "a"))
     document = json.loads((tmp_path / "t" / "tiles.json").read_text())
     keys = keys_of(tmp_path / "t")
     assert len(keys) == count
@@ -149,7 +150,7 @@ def test_maps_that_show_nothing(scene, tmp_path):
 
 
 def test_mbtiles_document(scene, tmp_path):
-    count = write_mbtiles(scene.source(), tmp_path / "m.mbtiles", name="Fire", attribution="us")
+    count = write_mbtiles(scene.source(), tmp_path / "m.mbtiles", words=MapWords("Fire", attribution="us"))
     with sqlite3.connect(tmp_path / "m.mbtiles") as db:
         metadata = dict(db.execute("SELECT name, value FROM metadata"))
         assert db.execute("SELECT count(*) FROM tiles").fetchone() == (count,)

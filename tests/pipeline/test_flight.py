@@ -17,6 +17,7 @@ from PIL import Image
 
 from photomap_gis.core.errors import DataError, NotGeoreferencedError, OutputError, UsageError
 from photomap_gis.pipeline import Format, MapSettings, export_mission, map_flight
+from photomap_gis.pipeline.formats import DEFAULT_NAMES
 from photomap_gis.simulate.evaluate import evaluate_map
 
 
@@ -69,7 +70,8 @@ def test_every_format_is_written_from_the_mission_alone(flown, mapped, tmp_path)
     frames = folder / "frames.jsonl"
     frames.write_text(frames.read_text().replace(str(flown.photos), "/gone"))
     written = export_mission(folder, list(Format), out=tmp_path / "out")
-    assert sorted(p.name for p in written) == ["map.kmz", "map.mbtiles", "map.tif", "poses.csv", "tiles"]
+    beside = {"map.pgw", "map.prj"}
+    assert {p.name for p in written} == set(DEFAULT_NAMES.values()) | beside
     assert all(p.exists() for p in written)
     np.testing.assert_array_equal(read_rgba(tmp_path / "out" / "map.tif"), read_rgba(folder / "map.tif"))
 
@@ -211,10 +213,18 @@ def test_broken_frames_are_named_and_the_rest_is_mapped(flown, tmp_path):
 
 
 def test_a_crs_of_the_users_choice(flown, tmp_path):
-    summary = map_flight([flown.photos], tmp_path / "mission", MapSettings(crs="EPSG:3857"))
+    summary = map_flight([flown.photos], tmp_path / "mission", MapSettings(crs="EPSG:3857", layers=True))
     with rasterio.open(summary.map) as raster:
         assert raster.crs.to_epsg() == 3857
+        assert raster.bounds == pytest.approx(summary.bounds)
+        # a Mercator metre at 53 degrees north is some 0.6 m on the ground: the pixel there is what the camera saw
+        assert summary.gsd_m_per_px / raster.res[0] == pytest.approx(math.cos(math.radians(53.17)), rel=0.01)
+        grid = raster.shape, raster.transform
+    with rasterio.open(tmp_path / "mission" / "layers" / "views.tif") as views:
+        assert (views.shape, views.transform) == grid
     assert summary.crs == "EPSG:3857"
+    errors = evaluate_map(summary.map, flown.truth.folder)
+    assert errors.relative_rmse_gsd < 5 and errors.coverage > 0.98
     with pytest.raises(UsageError, match="EPSG"):
         map_flight([flown.photos], tmp_path / "other", MapSettings(crs="EPSG:999999"))
     assert not (tmp_path / "other").exists()

@@ -85,3 +85,12 @@ def test_broken_footprints_are_left_out(rng):
     found = candidates(poses, outlines)
     assert not {1, 2, 3} & {f for c in found for f in (c.a, c.b)}
     assert any(c.covariance is None for c in found) or all(0 not in (c.a, c.b) for c in found)
+
+
+def test_what_earlier_rounds_spent_counts(rng):
+    _, poses, outlines = lawn(rng)
+    whole = candidates(poses, outlines, max_per_frame=6)
+    frame = whole[0].a
+    left = candidates(poses, outlines, max_per_frame=6, spent={frame: 5})
+    assert sum(frame in (c.a, c.b) for c in whole) == 6
+    assert sum(frame in (c.a, c.b) for c in left) == 1

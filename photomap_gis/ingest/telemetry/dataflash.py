@@ -16,6 +16,7 @@ import numpy as np
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.telemetry.assemble import Positions, Turns, points_of
 from photomap_gis.ingest.telemetry.clean import clean_triggers
+from photomap_gis.ingest.telemetry.modes import COPTER_MODES, PLANE_MODES
 from photomap_gis.ingest.telemetry.rotations import (
     BODY_SIGMA_TILT_RAD,
     attitudes_of_quaternions,
@@ -26,7 +27,7 @@ from photomap_gis.ingest.telemetry.track import Clock, ModeChange, Track, Trigge
 
 HEAD = b"\xa3\x95"
 _FMT_TYPE, _FMT_LENGTH = 128, 89
-_WANTED = frozenset({"GPS", "GPS2", "GPA", "ATT", "POS", "CAM", "TRIG", "MNT", "MODE"})
+_WANTED = frozenset({"GPS", "GPS2", "GPA", "ATT", "POS", "CAM", "TRIG", "MNT", "MODE", "MSG"})
 _GPS_EPOCH_UNIX_S = 315_964_800.0
 _WEEK_S = 604_800.0
 _LEAPS_UNIX_S = (  # when UTC fell another second behind GPS time, from 1999 on (13 s before)
@@ -91,7 +92,7 @@ def read_dataflash(path: Path) -> Track:
         warnings.append(f"{path.name}: it never learned the time of day; give --track-offset SECONDS")
     warnings += [f"{path.name}: {w}" for w in dropped]
     clock = Clock.BOOT if boot_to_utc_s is None else Clock.UTC
-    modes = _modes(tables.get("MODE"), boot_to_utc_s or 0.0)
+    modes = _modes(tables.get("MODE"), tables.get("MSG"), boot_to_utc_s or 0.0)
     return Track(points, clock, str(path), triggers=triggers, modes=modes, warnings=tuple(warnings))
 
 
@@ -259,10 +260,14 @@ def _triggers(cam: dict[str, np.ndarray] | None, boot_to_utc_s: float) -> tuple[
     )
 
 
-def _modes(mode: dict[str, np.ndarray] | None, boot_to_utc_s: float) -> tuple[ModeChange, ...]:
+def _modes(
+    mode: dict[str, np.ndarray] | None, words: dict[str, np.ndarray] | None, boot_to_utc_s: float
+) -> tuple[ModeChange, ...]:
+    """Return the changes of the flight mode; the log's first words say which kind of vehicle counts them."""
     if mode is None or not {"TimeUS", "Mode"} <= mode.keys():
         return ()
-    names = {0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 9: "LAND", 21: "SMART_RTL"}
+    told = () if words is None else words.get("Message", ())
+    names = PLANE_MODES if any(bytes(w).startswith((b"ArduPlane", b"APM:Plane")) for w in told) else COPTER_MODES
     return tuple(
         ModeChange(t / 1e6 + boot_to_utc_s, names.get(int(m), f"mode {int(m)}"))
         for t, m in zip(mode["TimeUS"].tolist(), mode["Mode"].tolist(), strict=True)

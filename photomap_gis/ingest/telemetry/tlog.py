@@ -9,6 +9,7 @@ from __future__ import annotations
 import mmap
 import struct
 from collections import Counter, defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -21,6 +22,7 @@ from pymavlink.generator.mavcrc import x25crc
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.telemetry.assemble import Positions, Turns, points_of
 from photomap_gis.ingest.telemetry.clean import clean_triggers
+from photomap_gis.ingest.telemetry.modes import COPTER_MODES, PLANE_MODES, px4_mode
 from photomap_gis.ingest.telemetry.rotations import (
     BODY_SIGMA_TILT_RAD,
     attitudes_of_quaternions,
@@ -157,7 +159,14 @@ def _track(m: _Messages, path: Path, warnings: list[str]) -> Track:
     triggers = _triggers(m, boot_to_utc_s)
     if not points and not triggers:
         raise DataError(f"{path}: it holds no GPS positions; was the vehicle connected and did it have a fix?")
-    return Track(points, Clock.UTC, str(path), triggers=triggers, modes=_modes(m), warnings=tuple(warnings))
+    return Track(
+        points,
+        Clock.UTC,
+        str(path),
+        triggers=triggers,
+        modes=_modes(m, _record_to_utc_s(m, boot_to_utc_s)),
+        warnings=tuple(warnings),
+    )
 
 
 def _boot_to_utc_s(m: _Messages) -> float:
@@ -280,19 +289,30 @@ def _triggers(m: _Messages, boot_to_utc_s: float) -> tuple[Trigger, ...]:
     )
 
 
-def _modes(m: _Messages) -> tuple[ModeChange, ...]:
-    """Return the changes of the flight mode, by name where the autopilot's numbers are known."""
+def _modes(m: _Messages, record_to_utc_s: float) -> tuple[ModeChange, ...]:
+    """Return the changes of the flight mode, by name where the autopilot's numbers are known.
+
+    A heartbeat tells no time: its record's is taken, whose clock is ``record_to_utc_s`` behind UTC.
+    """
     modes: list[ModeChange] = []
     autopilots = Counter(f["type"] for _, f in m.of["HEARTBEAT"] if f["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID)
     if not autopilots:
         return ()
-    names = _mode_names(int(autopilots.most_common(1)[0][0]))
+    kinds = {f["autopilot"] for _, f in m.of["HEARTBEAT"]}
+    if mavlink.MAV_AUTOPILOT_PX4 in kinds:
+        names_of: Callable[[int], str] = px4_mode
+    else:
+        names = _mode_names(int(autopilots.most_common(1)[0][0]))
+
+        def names_of(mode: int) -> str:
+            return names.get(mode, f"mode {mode}")
+
     for record_s, f in m.of["HEARTBEAT"]:
         if f["autopilot"] == mavlink.MAV_AUTOPILOT_INVALID:
             continue  # a gimbal or camera of the same vehicle
-        name = names.get(int(f["custom_mode"]), f"mode {f['custom_mode']}")
+        name = names_of(int(f["custom_mode"]))
         if not modes or modes[-1].name != name:
-            modes.append(ModeChange(record_s, name))
+            modes.append(ModeChange(record_s + record_to_utc_s, name))
     return tuple(modes)
 
 
@@ -300,15 +320,5 @@ def _mode_names(vehicle_type: int) -> dict[int, str]:
     """ArduPilot's mode numbers for the kinds of vehicle that take photos."""
     vtols = range(19, 26)  # MAV_TYPE_VTOL_..., whose names change between versions of the dialect
     if vehicle_type == mavlink.MAV_TYPE_FIXED_WING or vehicle_type in vtols:
-        return _PLANE_MODES
-    return _COPTER_MODES
-
-
-_PLANE_MODES = {
-    0: "MANUAL", 1: "CIRCLE", 2: "STABILIZE", 5: "FBWA", 6: "FBWB", 7: "CRUISE", 10: "AUTO", 11: "RTL", 12: "LOITER",
-    15: "GUIDED", 17: "QSTABILIZE", 18: "QHOVER", 19: "QLOITER", 20: "QLAND", 21: "QRTL",
-}  # fmt: skip
-_COPTER_MODES = {
-    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
-    16: "POSHOLD", 17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
-}  # fmt: skip
+        return PLANE_MODES
+    return COPTER_MODES

@@ -6,7 +6,7 @@ numbers a view. It is put together pair by pair and then anchor by anchor, which
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy import linalg
 
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.slam.bundle.marks import MarkTerms, add_marks
-from photomap_gis.slam.bundle.model import Linearised
+from photomap_gis.slam.bundle.model import Linearised, along_spots
 from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, IntArray, log_rotation
 
 HELD_SIGMA = 1e-4
@@ -27,12 +27,23 @@ class SpotPrior:
 
     The surface itself may give: it is ``z + bends @ c`` with unknown ``c`` ``(K,)`` of zero mean and ``bend_sigma``
     ``(K,)``. A surface that was found from the same ties is not known better than those tell it.
+
+    All of it is said in units of the flying height, which goes with the focal length of the anchors' lens: ``lens``
+    ``(P,)``, ``log_focal`` ``(L,)`` where it was said. In metres it would favour the shorter lens, under which the same
+    parallax makes a lower relief, by as much as there are spots.
     """
 
     z: FloatArray
     information: FloatArray
     bends: FloatArray
     bend_sigma: FloatArray
+    lens: IntArray
+    log_focal: FloatArray
+
+    def off(self, state: BundleState) -> tuple[FloatArray, FloatArray]:
+        """Return how far the spots lie off the surface ``(P,)``, and the derivative of that by their z ``(P,)``."""
+        unit = np.exp(self.log_focal - state.log_focal)[self.lens]
+        return state.z * unit - self.z, unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,8 +107,11 @@ def reduced_equations(
         g[column] += pull
     by_z = found.by_z
     Wz = np.einsum("mij,mj->mi", W, by_z)
-    A = prior.information + np.bincount(t.spot, np.sum(Wz * by_z, axis=1), t.spots)
-    gz = (state.z - prior.z) * prior.information + np.bincount(t.spot, np.sum(Wz * found.residual, axis=1), t.spots)
+    off, unit = prior.off(state)
+    held = prior.information * unit
+    A = held * unit + np.bincount(t.spot, np.sum(Wz * by_z, axis=1), t.spots)
+    gz = held * off + np.bincount(t.spot, np.sum(Wz * found.residual, axis=1), t.spots)
+    by_focal = -state.z * unit
     JWz = np.einsum("mij,mi->mj", J, Wz)
     blocks = []
     for begin, end in runs_of(t.b):
@@ -106,13 +120,14 @@ def reduced_equations(
         frames, at = np.unique(a, return_inverse=True)
         own = 6 * len(frames)
         V = np.zeros((len(spots), own + 6 + 2 * lenses + bends))
-        V[:, own + 6 + 2 * lenses :] = -prior.information[spots, None] * prior.bends[spots]
+        V[:, own + 6 + 2 * lenses :] = -held[spots, None] * prior.bends[spots]
         part = JWz[begin:end]
         np.add.at(V, (row[:, None], 6 * at[:, None] + np.arange(6)), part[:, :6])
         np.add.at(V, (row[:, None], own + np.arange(6)[None]), part[:, 6:12])
         np.add.at(V, (row[:, None], own + 6 + 2 * lens_of[a][:, None] + np.arange(2)), part[:, 12:14])
         b = int(t.b[begin])
         np.add.at(V, (row[:, None], own + 6 + 2 * lens_of[b] + np.arange(2)[None]), part[:, 14:16])
+        V[:, own + 6 + 2 * lens_of[b]] += held[spots] * by_focal[spots]
         column = np.concatenate(
             [
                 (6 * frames[:, None] + np.arange(6)).ravel(),
@@ -126,18 +141,54 @@ def reduced_equations(
         blocks.append((spots, column, V))
     if marked is not None:
         add_marks(H, g, problem.marks, marked, lens_of, n)
+    _add_surface(H, g, prior, off, by_focal, first_lens=6 * n)
     _add_priors(H, g, problem, state, free_lens)
+    return Reduced(H, g, A, gz, tuple(blocks))
+
+
+def _add_surface(
+    H: FloatArray, g: FloatArray, prior: SpotPrior, off: FloatArray, by_focal: FloatArray, *, first_lens: int
+) -> None:
+    """Add what the surface says of the lenses, which tell the unit of heights, and of its own bends."""
+    bends = prior.bends.shape[1]
+    surface = slice(len(g) - bends, len(g))
+    pull = prior.information * off
+    for k in range(len(prior.log_focal)):
+        row, of = first_lens + 2 * k, prior.lens == k
+        H[row, row] += by_focal[of] ** 2 @ prior.information[of]
+        g[row] += by_focal[of] @ pull[of]
+        across = -(by_focal[of] * prior.information[of]) @ prior.bends[of]
+        H[row, surface] += across
+        H[surface, row] += across
     if bends:
-        surface = slice(size - bends, size)
-        pull = prior.information * (state.z - prior.z)
         H[surface, surface] += (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
         g[surface] -= prior.bends.T @ pull
-    return Reduced(H, g, A, gz, tuple(blocks))
+
+
+def spots_settled(problem: BundleProblem, state: BundleState, information: FloatArray, prior: SpotPrior) -> BundleState:
+    """Return the state with each spot where the ties and the surface want it from here, views and lenses left alone.
+
+    A long step bends: as cameras move, rays and levels turn together, which a step of both at once leaves out. On flat
+    ground that is all that keeps a step along the weakest direction (focal length against height) from being whole.
+    """
+    residual, by_z, valid = along_spots(problem, state)
+    spot, count = problem.ties.spot, problem.ties.spots
+    Wz = np.einsum("mij,mj->mi", np.where(valid[:, None, None], information, 0.0), by_z)
+    off, unit = prior.off(state)
+    held = prior.information * unit
+    A = held * unit + np.bincount(spot, np.sum(Wz * by_z, axis=1), count)
+    gz = held * off + np.bincount(spot, np.sum(Wz * residual, axis=1), count)
+    if prior.bends.shape[1]:  # the surface goes along
+        left = prior.information - held**2 / A
+        stiff = (prior.bends.T * left) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
+        bend = np.linalg.solve(stiff, prior.bends.T @ (prior.information * off - held * gz / A))
+        gz -= held * (prior.bends @ bend)
+    return replace(state, z=state.z - gz / A)
 
 
 def prior_cost(problem: BundleProblem, state: BundleState, prior: SpotPrior) -> float:
     """Return the weighted squares of everything but the ties."""
-    off = state.z - prior.z
+    off, _ = prior.off(state)
     total = float(np.sum(prior.information * off**2))
     if prior.bends.shape[1]:  # the surface gives as far as it likes
         pull = prior.bends.T @ (prior.information * off)
@@ -160,10 +211,10 @@ def _add_priors(
     H: FloatArray, g: FloatArray, problem: BundleProblem, state: BundleState, free_lens: np.ndarray
 ) -> None:
     n = len(problem.views)
-    for k, (turn, information) in enumerate(_turn_terms(problem, state)):
+    for k, (turn, known) in enumerate(_turn_terms(problem, state)):
         turns = slice(6 * k + 3, 6 * k + 6)
-        H[turns, turns] += information
-        g[turns] += information @ turn
+        H[turns, turns] += known
+        g[turns] += known @ turn
     for k, view in enumerate(problem.views):
         if np.isfinite(view.height_sigma):
             H[6 * k + 2, 6 * k + 2] += view.height_sigma**-2
@@ -214,19 +265,35 @@ def runs_of(*keys: IntArray) -> list[tuple[int, int]]:
 
 
 def solve_spd(H: FloatArray, g: FloatArray) -> FloatArray:
-    """Return ``-H^-1 g``; raise ``numpy.linalg.LinAlgError`` where H is not positive definite."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    factor = linalg.cho_factor(H * scale[:, None] * scale[None, :], lower=True, overwrite_a=True, check_finite=False)
-    return np.asarray(-scale * linalg.cho_solve(factor, scale * g, check_finite=False), np.float64)
+    """Return ``-H^-1 g`` for ``g`` ``(n,)`` or ``(n, k)``.
+
+    Raises ``numpy.linalg.LinAlgError`` where H is not positive definite.
+    """
+    factor, scale = _factor(H)
+    scale = scale if g.ndim == 1 else scale[:, None]
+    return np.asarray(-scale * linalg.cho_solve((factor, True), scale * g, check_finite=False), np.float64)
 
 
-def inverse_spd(H: FloatArray) -> FloatArray:
-    """Return the inverse of a positive definite matrix."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    factor, _ = linalg.lapack.dpotrf(H * scale[:, None] * scale[None, :], lower=1, overwrite_a=1)
-    inverse, failed = linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+def blocks_of_inverse(H: FloatArray, blocks: int) -> FloatArray:
+    """Return the first ``blocks`` 6 x 6 blocks on the diagonal of the inverse, ``(blocks, 6, 6)``.
+
+    Raises ``numpy.linalg.LinAlgError`` where H is not positive definite.
+    """
+    factor, scale = _factor(H)
+    roots, failed = linalg.lapack.dtrtri(factor, lower=1, overwrite_c=1)
     if failed:
         raise np.linalg.LinAlgError("the matrix is not positive definite")
-    lower = np.tril(inverse)
-    whole = lower + np.tril(lower, -1).T
-    return np.asarray(whole * scale[:, None] * scale[None, :], np.float64)
+    out = np.empty((blocks, 6, 6))
+    for k in range(blocks):
+        own = slice(6 * k, 6 * k + 6)
+        below = np.vstack([np.tril(roots[own, own]), roots[6 * k + 6 :, own]])
+        out[k] = (below.T @ below) * scale[own, None] * scale[None, own]
+    return out
+
+
+def _factor(H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lower Cholesky factor of H scaled to a unit diagonal, and the scale."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    scaled = np.multiply(H, scale[:, None], order="F")
+    scaled *= scale
+    return linalg.cho_factor(scaled, lower=True, overwrite_a=True, check_finite=False)[0], scale

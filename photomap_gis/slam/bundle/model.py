@@ -90,6 +90,16 @@ def residuals(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, n
     return predicted - t.xy_a_px, s.valid
 
 
+def along_spots(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Return residuals ``(M, 2)``, their derivatives by the spots' z ``(M, 2)``, and which of them are valid."""
+    t, cameras = problem.ties, cameras_of(problem, state)
+    s = sight(problem, state, cameras)
+    predicted, by_n_a, _ = _distorted(cameras, problem.lens_of[t.a], s.n_a)
+    step = np.einsum("mji,mj->mi", state.R[t.a], s.ray / s.down[:, None])
+    by_seen = (step[:, :2] - s.n_a * step[:, 2:]) / s.depth[:, None]
+    return predicted - t.xy_a_px, np.einsum("mij,mj->mi", by_n_a, by_seen), s.valid
+
+
 def linearise(problem: BundleProblem, state: BundleState) -> Linearised:
     """Return residuals and derivatives of all ties at a state."""
     t = problem.ties

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.camera import Camera
+from photomap_gis.core.ground import HeightField
 from photomap_gis.core.similarity import FloatArray
 
 IntArray = npt.NDArray[np.intp]
@@ -110,6 +111,7 @@ class BundleProblem:
     """Views, lenses, ties, and fixes: ``fix_of`` ``(F,)`` views that have one, ``fix_xy`` ``(F, 2)`` where they say the
     camera was, and ``fix_information`` ``(F, F)`` of their errors along either axis: neighbours in time share theirs.
 
+    ``terrain`` is the ground's shape where it is known beforehand; its level is not used.
     ``held`` ``(G,)`` are views that are held where they start: one for each piece that no fix ties to the Earth.
     """
 
@@ -121,6 +123,7 @@ class BundleProblem:
     fix_information: FloatArray
     held: IntArray
     marks: Marks = field(default_factory=Marks.none)
+    terrain: HeightField | None = None
 
     @property
     def lens_of(self) -> IntArray:

@@ -13,11 +13,12 @@ from photomap_gis.core.similarity import FloatArray
 from photomap_gis.slam.bundle.equations import (
     Reduced,
     SpotPrior,
-    inverse_spd,
+    blocks_of_inverse,
     prior_cost,
     reduced_equations,
     runs_of,
     solve_spd,
+    spots_settled,
 )
 from photomap_gis.slam.bundle.ground import fit_ground
 from photomap_gis.slam.bundle.marks import MarkTerms, mark_terms
@@ -30,15 +31,22 @@ LEAST_RELIEF = 0.001
 ROUNDS, LEVEL_ROUNDS = 10, 2
 """In the first rounds the ground counts as level, roughly: a lens that is off bends it like a bowl, and the bowl would
 be believed."""
-STEPS = 4
-LIMIT = 3.0
+FIRST_STEPS, STEPS, LAST_STEPS = 4, 1, 2
+"""Steps of the first round, of those in between, where the ground is renewed after every one, and of the last."""
+LIMIT = 2.0
 """Ties this many sigmas off count a quarter."""
-SETTLED = 1e-3
-"""A step is small that moves all views by less than this share of a pixel on the ground."""
-SETTLED_ROUND = 0.1
-"""Another round is of no use where the last moved no camera by more than this share of a pixel on the ground."""
+SETTLED = 0.3
+"""A step is small that gains less than this of the weighted squares: nothing that any sigma would show."""
+LENGTHS = (1.0, 0.5, 0.25)
+"""Of a step these shares are tried."""
+SETTLED_ROUND = 0.2
+"""Another round is of no use where the last moved no camera by more than this share of a pixel against the others."""
 OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
+TOLD_APART = 2.0
+"""It is taken where it came out by so many of its sigmas off what was known."""
+HELD_ROUNDS = 5
+"""Rounds after lens numbers were put back."""
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
@@ -48,6 +56,8 @@ MOUNT_SPREAD = 3.0
 """A mount may lean by so many times what a frame leans besides."""
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
+KNOWN_SHAPE = 5e-4
+"""How far a ground of known heights may slope or bow besides."""
 LARGE = 1500
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
@@ -100,50 +110,106 @@ def bundle_adjust(problem: BundleProblem) -> Bundle:
         return _adjusted(problem)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stage:
+    """Where the solution is: the problem with its mounts, the state, the ground under it, and what was last solved."""
+
+    problem: BundleProblem
+    state: BundleState
+    ground: HeightField
+    at: _At
+    prior: SpotPrior
+
+
 def _adjusted(asked: BundleProblem) -> Bundle:
-    state = BundleState.start(asked)
-    problem = _with_mounts(asked, state)
-    height = float(np.median(-state.centre[:, 2]))
-    gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
-    free = np.zeros((len(problem.lenses), 2), bool)
-    relief = FIRST_RELIEF * height
-    ground = HeightField.level(relief)
-    before = _rms(*residuals(problem, state))
-    for round_ in range(ROUNDS):
-        came_from = state.centre
-        prior = _spot_prior(problem, state, ground, relief, bowl=LEVEL_BOWL if round_ <= LEVEL_ROUNDS else FREE_BOWL)
-        state, at, equations = _descend(problem, state, prior, free, gsd, ground)
-        if round_ == 0:
-            free = _observable(problem, state, at, prior)
-        problem = _with_mounts(asked, state)
-        state = _levelled_off(problem, state)
-        if round_ < LEVEL_ROUNDS:
-            continue
-        spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
-        ground = _ground_of(problem, state, spot_sigma, height, gsd)
-        relief = max(ground.sigma, LEAST_RELIEF * height)
-        if np.abs(state.centre - came_from)[:, :2].max(initial=0.0) < SETTLED_ROUND * gsd:
-            break
-    prior = _spot_prior(problem, state, ground, relief, bowl=FREE_BOWL)
-    state, at, equations = _descend(problem, state, prior, free, gsd, replace(ground, sigma=relief))
-    state, ground = _sized(problem, state, ground)
-    inverse = inverse_spd(_believed(problem, state, at, prior, free, ground))
-    n = len(problem.views)
-    covariance = np.stack([inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)]).reshape(n, 6, 6)
+    start = BundleState.start(asked)
+    problem = _with_mounts(asked, start)
+    height = float(np.median(-start.centre[:, 2]))
+    ground = replace(_on_level(problem, start), sigma=FIRST_RELIEF * height)
+    before = _rms(*residuals(problem, start))
+    level = _spot_prior(problem, start, ground, bowl=LEVEL_BOWL)
+    none = np.zeros((len(problem.lenses), 2), bool)
+    state, at, _ = _descend(problem, start, level, none, ground, FIRST_STEPS)
+    free = _observable(problem, state, at, level)
+    stage = _Stage(_with_mounts(asked, state), _levelled_off(problem, state), ground, at, level)
+    stage = _rounds(asked, stage, free, ROUNDS, level=LEVEL_ROUNDS)
+    taken = free & _told_apart(stage, free)
+    if (taken != free).any():
+        stage = _rounds(asked, replace(stage, state=_lenses_held(stage, taken)), taken, HELD_ROUNDS, level=0)
+    problem = stage.problem
+    prior = _spot_prior(problem, stage.state, stage.ground, bowl=FREE_BOWL)
+    state, at, _ = _descend(problem, stage.state, prior, taken, stage.ground, LAST_STEPS)
+    state, ground = _sized(problem, state, stage.ground)
+    # what a lens may still be off is part of every sigma, whether its number was taken or not
+    H = _believed(problem, state, at, prior, free, ground)
     return Bundle(
         state.centre,
         state.R,
-        covariance,
-        tuple(_lens_found(problem, state, free, inverse)),
-        replace(ground, sigma=relief),
+        blocks_of_inverse(H, len(problem.views)),
+        tuple(_lens_found(problem, state, free, _lens_sigmas(problem, H))),
+        ground,
         before,
         _rms(at.found.residual, at.found.valid),
         float(np.mean(at.weight > 0.5)),
     )
 
 
+def _rounds(asked: BundleProblem, stage: _Stage, free: np.ndarray, count: int, *, level: int) -> _Stage:
+    """Solve, and renew mounts and ground, ``count`` times or until nothing moves; the first ``level`` keep the ground.
+
+    ``free`` ``(L, 2)`` are the lens numbers that may change.
+    """
+    problem, state, ground, at, prior = stage.problem, stage.state, stage.ground, stage.at, stage.prior
+    height = float(np.median(-state.centre[:, 2]))
+    gsd = height / float(np.median([lens.focal_px for lens in problem.lenses]))
+    for round_ in range(1, count):
+        came_from = state.centre
+        prior = _spot_prior(problem, state, ground, bowl=LEVEL_BOWL if round_ <= level else FREE_BOWL)
+        state, at, equations = _descend(problem, state, prior, free, ground, STEPS)
+        problem = _with_mounts(asked, state)
+        state = _levelled_off(problem, state)
+        if round_ < level:
+            continue
+        spot_sigma = 1.0 / np.sqrt(np.maximum(equations.spot_information - prior.information, 1e-12))
+        ground = _ground_of(problem, state, spot_sigma, height, gsd)
+        ground = replace(ground, sigma=max(ground.sigma, LEAST_RELIEF * height))
+        moved = (state.centre - came_from)[:, :2]
+        if np.abs(moved - np.median(moved, axis=0)).max() < SETTLED_ROUND * gsd:
+            break
+    return _Stage(problem, state, ground, at, prior)
+
+
+def _told_apart(stage: _Stage, free: np.ndarray) -> np.ndarray:
+    """Return ``(L, 2)`` which lens numbers came out further from what was known than chance explains.
+
+    The others are left as they were: a distortion of half its sigma bows the ground for nothing.
+    """
+    problem, state = stage.problem, stage.state
+    try:
+        H = _believed(problem, state, stage.at, stage.prior, free, stage.ground)
+        sigma = _lens_sigmas(problem, H)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(free)
+    focal = np.log([lens.focal_px for lens in problem.lenses])
+    k1 = np.array([lens.camera.k1 for lens in problem.lenses])
+    off = np.stack([state.log_focal - focal, state.k1 - k1], axis=1)
+    return np.asarray(np.abs(off) > TOLD_APART * sigma)
+
+
+def _lenses_held(stage: _Stage, taken: np.ndarray) -> BundleState:
+    """Return the state, lens numbers that are not ``taken`` as they were known."""
+    problem, state = stage.problem, stage.state
+    focal = np.log([lens.focal_px for lens in problem.lenses])
+    k1 = np.array([lens.camera.k1 for lens in problem.lenses])
+    return replace(
+        state,
+        log_focal=np.where(taken[:, 0], state.log_focal, focal),
+        k1=np.where(taken[:, 1], state.k1, k1),
+    )
+
+
 def _descend(
-    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, gsd: float, ground: HeightField
+    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, ground: HeightField, steps: int
 ) -> tuple[BundleState, _At, Reduced]:
     def equations_at(state: BundleState, at: _At) -> Reduced:
         marked = _marked(problem, state, ground)
@@ -155,27 +221,29 @@ def _descend(
 
     at = _look(problem, state)
     equations = equations_at(state, at)
-    for _ in range(STEPS):
+    for _ in range(steps):
         value = cost_at(state, at)
-        solved = False
+        solved, best, least = False, state, value
         for damping in DAMPINGS:
             H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
             try:
                 step = solve_spd(H, equations.g)
             except np.linalg.LinAlgError:
                 continue
-            solved, moved = True, state.moved(step, equations.spots_for(step))
-            if cost_at(moved, at) <= value * (1.0 + 1e-9):
+            solved, spots = True, equations.spots_for(step)
+            for length in LENGTHS:
+                moved = spots_settled(problem, state.moved(length * step, length * spots), at.information, prior)
+                if (cost := cost_at(moved, at)) < value:
+                    best, least = moved, cost
+                    break
+            if least < value:
                 break
-        else:
-            if not solved:
-                raise np.linalg.LinAlgError("the full solution has no single answer")
+        if not solved:
+            raise np.linalg.LinAlgError("the full solution has no single answer")
+        if value - least < SETTLED:
             break  # it gets no better
-        state, at = moved, _look(problem, moved)
+        state, at = best, _look(problem, best)
         equations = equations_at(state, at)
-        shift = np.abs(step[: 6 * len(problem.views)].reshape(-1, 6)[:, :3]).max(initial=0.0)
-        if shift < SETTLED * gsd:
-            break
     return state, at, equations
 
 
@@ -202,23 +270,24 @@ def _cost(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior)
     return float(np.einsum("mi,mij,mj->", r, at.information, r)) + prior_cost(problem, state, prior)
 
 
-def _spot_prior(
-    problem: BundleProblem, state: BundleState, ground: HeightField, relief: float, *, bowl: float
-) -> SpotPrior:
+def _spot_prior(problem: BundleProblem, state: BundleState, ground: HeightField, *, bowl: float) -> SpotPrior:
     """Return the ground as a prior of the spots; one far off (a roof, a crown) is held by little.
 
     The whole surface may rise, slope and bow (by ``bowl`` times its reach) besides.
     """
-    xy = _spots_xy(problem, state)
+    xy, relief = _spots_xy(problem, state), ground.sigma
     z = -ground.at(xy)
     off2 = ((state.z - z) / relief) ** 2
+    lens = np.zeros(problem.ties.spots, np.intp)
+    lens[problem.ties.spot] = problem.lens_of[problem.ties.b]
     if not len(xy):
-        return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0))
+        return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0), lens, state.log_focal)
     reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
     u, v = ((xy - np.median(xy, axis=0)) / reach).T
     bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
-    sigma = reach * np.array([LEVEL_SIGMA, SLOPE_SIGMA, SLOPE_SIGMA, bowl, bowl, bowl])
-    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma)
+    slope, bowl = (SLOPE_SIGMA, bowl) if problem.terrain is None else (KNOWN_SHAPE, KNOWN_SHAPE)
+    sigma = reach * np.array([LEVEL_SIGMA, slope, slope, bowl, bowl, bowl])
+    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma, lens, state.log_focal)
 
 
 def _with_mounts(problem: BundleProblem, state: BundleState) -> BundleProblem:
@@ -283,14 +352,32 @@ def _levelled_off(problem: BundleProblem, state: BundleState) -> BundleState:
     return replace(state, z=state.z - middle, centre=state.centre - [0.0, 0.0, middle])
 
 
+def _on_level(problem: BundleProblem, state: BundleState) -> HeightField:
+    """Return the ground as far as it is known beforehand, raised so that the spots lie on it on the whole."""
+    if problem.terrain is None or not len(state.z):
+        return HeightField.level()
+    off = -state.z - problem.terrain.at(_spots_xy(problem, state))
+    return replace(problem.terrain, up=problem.terrain.up + float(np.median(off)))
+
+
 def _ground_of(
     problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float, gsd: float
 ) -> HeightField:
+    if problem.terrain is not None:
+        return _on_terrain(problem, state, spot_sigma, height)
     camera = problem.lenses[0].camera
     cell = gsd * max(camera.width_px, camera.height_px) / CELLS_A_FOOTPRINT
     known = spot_sigma < 0.1 * height
     xy = _spots_xy(problem, state)
     return fit_ground(xy[known], -state.z[known], spot_sigma[known], cell)
+
+
+def _on_terrain(problem: BundleProblem, state: BundleState, spot_sigma: FloatArray, height: float) -> HeightField:
+    """Return the known ground at the level of the spots, and how far they lie off it, robustly."""
+    ground = _on_level(problem, state)
+    known = spot_sigma < 0.1 * height
+    off = -state.z[known] - ground.at(_spots_xy(problem, state)[known])
+    return replace(ground, sigma=1.4826 * float(np.median(np.abs(off))) if known.any() else height * FIRST_RELIEF)
 
 
 def _believed(
@@ -312,20 +399,22 @@ def _observable(problem: BundleProblem, state: BundleState, at: _At, prior: Spot
     free = np.ones((len(problem.lenses), 2), bool)
     H = _believed(problem, state, at, prior, free, HeightField.level())
     try:
-        variance = np.diag(inverse_spd(H))[_lens_rows(problem)].reshape(-1, 2)
+        sigma = _lens_sigmas(problem, H)
     except np.linalg.LinAlgError:
         return np.zeros_like(free)
     before = np.array([(lens.focal_sigma_log, lens.k1_sigma) for lens in problem.lenses])
-    return np.asarray(np.sqrt(variance) < OBSERVABLE * before)
+    return np.asarray(sigma < OBSERVABLE * before)
 
 
-def _lens_rows(problem: BundleProblem) -> slice:
-    first = 6 * len(problem.views)
-    return slice(first, first + 2 * len(problem.lenses))
+def _lens_sigmas(problem: BundleProblem, H: FloatArray) -> FloatArray:
+    """Return ``(L, 2)`` posterior sigmas of the lens numbers; ``numpy.linalg.LinAlgError`` as ``solve_spd``."""
+    first, count = 6 * len(problem.views), 2 * len(problem.lenses)
+    ones = np.zeros((len(H), count))
+    ones[first : first + count] = np.eye(count)
+    return np.sqrt(np.diag(-solve_spd(H, ones)[first : first + count])).reshape(-1, 2)
 
 
-def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, inverse: FloatArray) -> list[LensFound]:
-    sigma = np.sqrt(np.diag(inverse)[_lens_rows(problem)].reshape(-1, 2))
+def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, sigma: FloatArray) -> list[LensFound]:
     out = []
     for k, (lens, camera) in enumerate(zip(problem.lenses, cameras_of(problem, state), strict=True)):
         f = float(sigma[k, 0]) if free[k, 0] else lens.focal_sigma_log

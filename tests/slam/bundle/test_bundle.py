@@ -12,7 +12,14 @@ from photomap_gis.core.placement import PosedPlacement
 from photomap_gis.core.posegraph import PositionObservation
 from photomap_gis.core.similarity import fit_similarity
 from photomap_gis.slam.bundle import Lens, Marks, bundle_adjust
-from photomap_gis.slam.bundle.equations import SpotPrior, reduced_equations, solve_spd
+from photomap_gis.slam.bundle.equations import (
+    SpotPrior,
+    blocks_of_inverse,
+    prior_cost,
+    reduced_equations,
+    solve_spd,
+    spots_settled,
+)
 from photomap_gis.slam.bundle.fixes import fix_covariance, fix_information
 from photomap_gis.slam.bundle.ground import fit_ground
 from photomap_gis.slam.bundle.marks import mark_terms
@@ -57,35 +64,93 @@ def test_derivatives_are_those_of_differences(rng):
     assert found.by_z == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-4)
 
 
+def surface_of(rng, p, bends: int) -> SpotPrior:
+    P = p.ties.spots
+    return SpotPrior(
+        rng.normal(0, 1, P), rng.uniform(0.1, 0.3, P), rng.normal(0, 1, (P, bends)), rng.uniform(0.5, 1.0, bends),
+        np.zeros(P, np.intp), np.log([v.focal_px for v in p.lenses]) + 0.01,
+    )  # fmt: skip
+
+
 def test_reduced_equations_are_the_whole_ones_with_the_spots_taken_out(rng):
     """The twin: one dense system of all unknowns, without any elimination."""
     world = make_world(rng, strips=1, a_strip=4, relief=2.0, spots=3)
     p = world.problem
-    state = BundleState.start(p)
-    found, n, P = linearise(p, state), len(p.views), p.ties.spots
+    n, P, bends = len(p.views), p.ties.spots, 3
+    state = replace(BundleState.start(p), z=rng.normal(0, 2, P))
+    found = linearise(p, state)
     W = np.linalg.inv(p.ties.covariance)
-    prior = SpotPrior(np.zeros(P), np.full(P, 0.2), np.zeros((P, 0)), np.zeros(0))
+    prior = surface_of(rng, p, bends)
     free = np.ones((1, 2), bool)
     reduced = reduced_equations(p, state, found, W, prior, free)
     step = solve_spd(reduced.H.copy(), reduced.g)
-    size = 6 * n + 2
-    none = replace(p, ties=replace(p.ties, covariance=p.ties.covariance))
-    bare = reduced_equations(none, state, replace(found, valid=np.zeros(len(p.ties), bool)), W, prior, free)
+    size = 6 * n + 2 + bends
+    nothing = replace(found, valid=np.zeros(len(p.ties), bool))
+    bare = reduced_equations(p, state, nothing, W, replace(prior, information=np.full(P, 1e-30)), free)
     H, g = np.zeros((size + P, size + P)), np.zeros(size + P)
     H[:size, :size], g[:size] = bare.H, bare.g
-    H[size:, size:] = np.diag(prior.information)
-    g[size:] = prior.information * state.z
+    for k in range(P):
+        unit = np.exp(prior.log_focal[0] - state.log_focal[0])
+        J = np.zeros(size + P)
+        J[size + k], J[6 * n], J[6 * n + 2 : size] = unit, -unit * state.z[k], -prior.bends[k]
+        H += prior.information[k] * np.outer(J, J)
+        g += prior.information[k] * J * (unit * state.z[k] - prior.z[k])
     for k in range(len(p.ties)):
         J = np.zeros((2, size + P))
         J[:, 6 * p.ties.a[k] : 6 * p.ties.a[k] + 6] = found.by_a[k]
         J[:, 6 * p.ties.b[k] : 6 * p.ties.b[k] + 6] = found.by_b[k]
-        J[:, size - 2 : size] = found.by_lens_a[k] + found.by_lens_b[k]
+        J[:, 6 * n : 6 * n + 2] = found.by_lens_a[k] + found.by_lens_b[k]
         J[:, size + p.ties.spot[k]] = found.by_z[k]
         H += J.T @ W[k] @ J
         g += J.T @ W[k] @ found.residual[k]
     whole = np.linalg.solve(H, -g)
     assert step == pytest.approx(whole[:size], rel=1e-5, abs=1e-8)
     assert reduced.spots_for(step) == pytest.approx(whole[size:], rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("bends", [0, 3])
+def test_the_equations_go_down_the_cost_that_is_counted(rng, bends):
+    """With spots and surface where they want to be, the reduced gradient is that of the cost."""
+    world = make_world(rng, strips=1, a_strip=4, relief=2.0, spots=3)
+    p, prior, free = world.problem, surface_of(rng, world.problem, bends), np.ones((1, 2), bool)
+    W = np.linalg.inv(p.ties.covariance)
+
+    def settled(state):
+        for _ in range(8):
+            state = spots_settled(p, state, W, prior)
+        return state
+
+    def cost(state):
+        r = linearise(p, state).residual
+        return float(np.einsum("mi,mij,mj->", r, W, r)) + prior_cost(p, state, prior)
+
+    size, still = 6 * len(p.views) + 2, np.zeros(p.ties.spots)
+    state = settled(BundleState.start(p))
+    e = reduced_equations(p, state, linearise(p, state), W, prior, free)
+    inner = np.linalg.solve(e.H[size:, size:], e.g[size:])
+    gradient = 2.0 * (e.g[:size] - e.H[:size, size:] @ inner)
+    for k in (0, 2, 4, 11, size - 2, size - 1):
+        step = np.zeros(size + bends)
+        step[k] = h = 1e-5
+        ahead, behind = (cost(settled(state.moved(s * step, still))) for s in (1, -1))
+        assert gradient[k] == pytest.approx((ahead - behind) / (2 * h), rel=1e-3, abs=1e-2 * np.abs(gradient).max())
+
+
+def test_blocks_of_the_inverse_are_those_of_the_inverse(rng):
+    root = rng.normal(0, 1, (20, 20))
+    H = root @ root.T + np.diag(rng.uniform(0.1, 1e4, 20))
+    inverse = np.linalg.inv(H)
+    expected = [inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(3)]
+    assert blocks_of_inverse(H, 3) == pytest.approx(np.array(expected), rel=1e-8)
+
+
+def test_the_surface_does_not_favour_a_shorter_lens(rng):
+    """Under a shorter lens the same parallax is a lower relief: as likely as the higher one under the longer."""
+    p = make_world(rng, strips=1, a_strip=4, spots=3).problem
+    prior = surface_of(rng, p, 0)
+    long = replace(BundleState.start(p), z=rng.normal(0, 2, p.ties.spots))
+    short = replace(long, log_focal=long.log_focal - 0.1, z=long.z * np.exp(-0.1))
+    assert prior.off(short)[0] == pytest.approx(prior.off(long)[0])
 
 
 @pytest.mark.parametrize("relief", [0.0, 4.0])
@@ -115,6 +180,18 @@ def test_over_flat_ground_the_focal_length_of_nadir_frames_cannot_be_told(rng):
     lens = bundle_adjust(world.problem).lenses[0]
     assert not lens.focal_observed
     assert lens.camera.focal_px == pytest.approx(1200.0, rel=1e-9), "what cannot be told stays as it was"
+
+
+def test_what_chance_explains_is_not_taken_and_stays_part_of_the_sigmas():
+    """A right lens is left as it is; that it could be off a little is not forgotten."""
+    held = 0
+    for seed in range(4):
+        world = make_world(np.random.default_rng(seed), strips=4)
+        found = bundle_adjust(world.problem)
+        lens = found.lenses[0]
+        assert lens.k1_observed and 0.0 < lens.k1_sigma < 0.015
+        held += lens.camera.k1 == 0.0
+    assert held >= 3, "four sigmas of two"
 
 
 def test_false_ties_do_not_bend_the_map(rng):
@@ -242,3 +319,19 @@ def test_the_ground_is_found_under_what_stands_on_it(rng):
     assert np.abs(flat.up).max() < 0.25, "noise makes no hills"
     assert fit_ground(xy[:5], up[:5], np.ones(5), 20.0).is_level
     assert isinstance(flat, HeightField)
+
+
+def test_known_heights_hold_the_world_level(rng):
+    """Where the ground is known, poses lie over it: the ground of their own may bow with them."""
+    world = make_world(rng, relief=4.0)
+    known = replace(world.ground, up=world.ground.up + 77.0)  # its level is not used
+    alone, told = bundle_adjust(world.problem), bundle_adjust(replace(world.problem, terrain=known))
+    xy = world.centre[:, :2]
+
+    def shape(ground):
+        return ground.at(xy) - np.median(ground.at(xy))
+
+    assert np.std(shape(told.ground) - shape(world.ground)) < 0.05
+    height = [np.std(b.centre[:, 2] - world.centre[:, 2]) for b in (alone, told)]
+    assert height[1] < height[0]
+    assert np.sqrt(np.mean(map_errors(world, told) ** 2)) < 1.0

@@ -1,0 +1,1 @@
+"""How long planned flights take, against plainer planners, over areas of a committed seed."""

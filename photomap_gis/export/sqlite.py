@@ -1,0 +1,27 @@
+"""A new SQLite file, for the formats that are databases (MBTiles, GeoPackage)."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from photomap_gis.core.errors import OutputError
+
+
+@contextlib.contextmanager
+def new_database(temporary: Path, path: Path) -> Iterator[sqlite3.Connection]:
+    """Yield a connection to a new database at ``temporary``; its failures are told as those of ``path``."""
+    db = sqlite3.connect(temporary)
+    try:
+        # The file is new and moved into place when whole: a journal would only write everything twice.
+        db.execute("PRAGMA journal_mode = OFF")
+        db.execute("PRAGMA synchronous = OFF")
+        yield db
+        db.commit()
+    except sqlite3.Error as error:
+        advice = "free some space or choose another place" if "full" in str(error) else "check the disk"
+        raise OutputError(f"{path} cannot be written: {error}; {advice}") from error
+    finally:
+        db.close()

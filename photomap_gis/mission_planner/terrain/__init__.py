@@ -1,0 +1,22 @@
+"""Flying at a height above the ground that is there: elevation models, and plans bent to follow them."""
+
+from photomap_gis.mission_planner.terrain.dem import Dem, open_dem
+from photomap_gis.mission_planner.terrain.follow import (
+    FollowSettings,
+    TerrainReport,
+    by_the_vehicles_terrain,
+    follow_terrain,
+    on_flat_ground,
+)
+from photomap_gis.mission_planner.terrain.vertical import VerticalDatum
+
+__all__ = [
+    "Dem",
+    "FollowSettings",
+    "TerrainReport",
+    "VerticalDatum",
+    "by_the_vehicles_terrain",
+    "follow_terrain",
+    "on_flat_ground",
+    "open_dem",
+]

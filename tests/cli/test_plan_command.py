@@ -1,0 +1,79 @@
+"""``photomap plan`` as a script or a person in a hurry uses it."""
+
+import json
+
+import pytest
+
+from photomap_gis.cli import main
+
+FIELD = "47,8;47,8.004;47.003,8.004;47.003,8.001"
+CONTRACT = {"waypoints", "frame", "covered_share", "uncovered", "photos", "length_m", "duration_s", "gsd_m_per_px",
+            "sorties", "warnings"}  # fmt: skip
+
+
+def test_json_is_the_contract_and_the_files_are_written(tmp_path, capsys):
+    out = tmp_path / "field.plan"
+    assert main(["plan", FIELD, "--camera", "FC6310", "--gsd", "3cm", "-o", str(out), "--json", "-q"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert set(plan) >= CONTRACT
+    assert plan["covered_share"] == 1.0
+    assert plan["uncovered"] is None
+    assert plan["gsd_m_per_px"] == pytest.approx(0.03)
+    assert json.loads(out.read_text())["fileType"] == "Plan"
+    assert (tmp_path / "field.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_words_on_stderr_files_on_stdout(tmp_path, capsys):
+    out = tmp_path / "field.waypoints"
+    assert main(["plan", FIELD, "--camera", "FC6310", "--target", "person", "-o", str(out), "-q"]) == 0
+    told = capsys.readouterr()
+    assert told.out.split() == [str(out), str(tmp_path / "field.png")]
+    assert "sure to be seen" in told.err
+    assert "flat ground" in told.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["plan"], 2, "AREA"),
+        (["plan", FIELD], 2, "-o PLAN.plan"),
+        (["plan", "nothing.geojson", "--json"], 3, "nothing.geojson"),
+        (["plan", FIELD, "--json", "--gsd", "2"], 2, "2cm"),
+        (["plan", FIELD, "--json", "--gsd", "2cm", "--height", "50"], 2, "one of"),
+        (["plan", FIELD, "--json", "--target", "ufo"], 2, "0.4x0.3"),
+        (["plan", FIELD, "--json", "--camera", "no such"], 2, "no such"),
+        (["plan", FIELD, "--json", "--wind", "x"], 2, "SPEED,FROM_DEG"),
+        (["plan", "47,8;47.01,8.01", "--json", "--height", "50"], 3, "--corridor-width"),
+        (["plan", FIELD, "--json", "--height", "50", "--home", "47.001,8.002", "--avoid",
+          "47.0005,8.0015;47.0005,8.0025;47.0015,8.0025;47.0015,8.0015"], 2, "--home"),
+        (["plan", "--gaps", "no-mission", "--json", "--height", "50"], 3, "no mission folder"),
+    ],
+)  # fmt: skip
+def test_what_goes_wrong_is_one_line_with_its_exit_code(capsys, arguments, code, words):
+    assert main([*arguments, "-q"]) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_the_gaps_of_a_mission_are_planned(tmp_path, capsys):
+    size = ["--frames", "6", "--width", "480", "--frame-height", "360", "--altitude", "80"]
+    assert main(["simulate", "procedural", "-o", str(tmp_path / "sim"), "-q", *size]) == 0
+    assert main(["map", str(tmp_path / "sim" / "photos"), "-o", str(tmp_path / "m"), "-q"]) == 0
+    capsys.readouterr()
+    photo = str(next((tmp_path / "sim" / "photos").glob("*.JPG")))
+    every = ["plan", "--gaps", str(tmp_path / "m"), "--camera", photo, "--json", "-q"]
+    assert main([*every, "--height", "40"]) == 0  # the whole map is too coarse for half its height
+    finer = json.loads(capsys.readouterr().out)
+    assert finer["covered_share"] > 0.999
+    assert main([*every, "--height", "80", "--coarser-than", "2m", "--older-than", "2099-01-01"]) == 0
+    assert json.loads(capsys.readouterr().out)["area_m2"] > 1000
+
+
+def test_southern_and_western_places_are_no_options(tmp_path, capsys):
+    area = "-35.3632,-70.1652;-35.3632,-70.1600;-35.3660,-70.1600"
+    out = tmp_path / "south.plan"
+    assert main(["plan", area, "--camera", "FC6310", "--gsd", "3cm", "--home", "-35.363,-70.166", "-o", str(out)]) == 0
+    assert out.is_file()
+    assert main(["plan", area, "-3", "-o", str(out)]) == 2
