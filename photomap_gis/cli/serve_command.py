@@ -40,7 +40,7 @@ def command(
     photomap serve flight-1 --before ortho-2019.tif
     photomap serve flight-1 --host 0.0.0.0           for phones in the same network; prints a token
     """
-    from photomap_gis.engine import open_view
+    from photomap_gis.cli.serve_view import open_view
     from photomap_gis.server import Access, BoundServer, Host, create_app, is_loopback, new_token
     from photomap_gis.server.page import is_built
     from photomap_gis.server.protocol import ReadyDocument

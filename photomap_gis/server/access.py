@@ -1,7 +1,7 @@
 """Who may ask: programs of this machine only, or those that hold the token.
 
-A web page from elsewhere must not read a map off this machine: a name that points at 127.0.0.1 (DNS rebinding) is turned
-away by its Host header, and no answer carries a CORS header.
+A web page from elsewhere must not read a map off this machine: a name that points at 127.0.0.1 (DNS rebinding) is
+turned away by its Host header, and no answer carries a CORS header.
 """
 
 from __future__ import annotations
@@ -45,8 +45,7 @@ def is_loopback(host: str) -> bool:
 class Access:
     """The rules: ``token`` is asked for where it is not ``None``; ``loopback_only`` turns other Host names away.
 
-    ``cookie`` lets a browser that came with the token in its address keep it, for reading only: what starts jobs must
-    send the token itself.
+    ``cookie`` lets a browser that came with the token in its address keep it.
     """
 
     token: str | None

@@ -6,11 +6,10 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import quote
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -26,34 +25,26 @@ from photomap_gis.server import vectors
 from photomap_gis.server.access import Access, AccessMiddleware, problem
 from photomap_gis.server.documents import mission_document, tile_json
 from photomap_gis.server.host import Host
-from photomap_gis.server.jobs import UnknownJob
 from photomap_gis.server.missions import ServedMission, Snapshot
 from photomap_gis.server.page import PageAssets
 from photomap_gis.server.protocol import (
     EventDocument,
-    JobRequest,
-    JobsDocument,
     MissionsDocument,
-    OpenMissionRequest,
     ServerDocument,
     ValueDocument,
 )
 from photomap_gis.server.wmts import capabilities
 
-BodyT = TypeVar("BodyT", bound=BaseModel)
-
-_MAX_BODY_BYTES = 1 << 20
 _WATCH_S = 1.0
 _CACHE_FOR_EVER = "private, max-age=31536000, immutable"
 
 
 def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Starlette:
-    """Return the application over a host's missions (and jobs, where it has any)."""
+    """Return the application over a host's missions."""
     page = PageAssets()
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        host.events.bind()
         watcher = asyncio.create_task(_watch(host, watch_s))
         try:
             yield
@@ -82,15 +73,6 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
         Route("/wmts.xml", api.wmts),
         Route("/tiles/{z}/{x}/{y}.{format}", api.tile),
     ]
-    if host.jobs is not None:
-        routes += [
-            Route("/missions", api.open_mission, methods=["POST"]),
-            Route("/missions/{mission}", api.close_mission, methods=["DELETE"]),
-            Route("/jobs", api.jobs, methods=["GET"]),
-            Route("/jobs", api.start_job, methods=["POST"]),
-            Route("/jobs/{job}", api.job, methods=["GET"]),
-            Route("/jobs/{job}", api.cancel_job, methods=["DELETE"]),
-        ]
     return Starlette(
         routes=routes,
         lifespan=lifespan,
@@ -110,10 +92,7 @@ class _Api:
         self._host, self._access = host, access
 
     def server(self, request: Request) -> Response:
-        document = ServerDocument(
-            version=__version__, mode="serve" if self._host.jobs is None else "engine", missions=self._host.ids
-        )
-        return _json(document)
+        return _json(ServerDocument(version=__version__, missions=self._host.ids))
 
     def missions(self, request: Request) -> Response:
         return _json(MissionsDocument(missions=[mission_document(m, m.current()) for m in self._host.all()]))
@@ -195,44 +174,9 @@ class _Api:
         first = [EventDocument(event="hello")]
         snapshots = await run_in_threadpool(lambda: [(m.id, m.current().epoch) for m in self._host.all()])
         first += [EventDocument(event="mission", mission=id, epoch=epoch) for id, epoch in snapshots]
-        if self._host.jobs is not None:
-            first += [EventDocument(event="job", job=job) for job in self._host.jobs.all()]
         return StreamingResponse(
             self._host.events.stream(first), media_type="text/event-stream", headers={"cache-control": "no-cache"}
         )
-
-    async def open_mission(self, request: Request) -> Response:
-        body = await _body(request, OpenMissionRequest)
-        mission = await run_in_threadpool(self._host.open, Path(body.folder))
-        document = await run_in_threadpool(lambda: mission_document(mission, mission.current()))
-        return _json(document, 201)
-
-    def close_mission(self, request: Request) -> Response:
-        self._host.forget(self._mission(request).id)
-        return Response(status_code=204)
-
-    def jobs(self, request: Request) -> Response:
-        return _json(JobsDocument(jobs=self._jobs.all()))
-
-    async def start_job(self, request: Request) -> Response:
-        body = await _body(request, JobRequest)
-        return _json(await run_in_threadpool(self._jobs.start, body), 201)
-
-    def job(self, request: Request) -> Response:
-        try:
-            return _json(self._jobs.get(request.path_params["job"]))
-        except UnknownJob:
-            raise HTTPException(404, "no such job") from None
-
-    def cancel_job(self, request: Request) -> Response:
-        try:
-            return _json(self._jobs.cancel(request.path_params["job"]), 202)
-        except UnknownJob:
-            raise HTTPException(404, "no such job") from None
-
-    @property
-    def _jobs(self) -> Any:
-        return self._host.jobs
 
     def _mission(self, request: Request) -> ServedMission:
         try:
@@ -264,23 +208,6 @@ async def _watch(host: Host, every_s: float) -> None:
         await asyncio.sleep(every_s)
 
 
-async def _body(request: Request, kind: type[BodyT]) -> BodyT:
-    """Return a request's JSON document; 400, 413 or 415 where it is none."""
-    if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-        raise HTTPException(415, "send application/json")  # a form of a foreign page cannot
-    data = bytearray()
-    async for chunk in request.stream():
-        data += chunk
-        if len(data) > _MAX_BODY_BYTES:
-            raise HTTPException(413, "the document is too large")
-    try:
-        return kind.model_validate_json(bytes(data))
-    except ValidationError as error:
-        where = error.errors()[0]
-        field = ".".join(map(str, where["loc"])) or "document"
-        raise HTTPException(400, f"{field}: {where['msg']}") from error
-
-
 def _whole(text: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 9):
         raise HTTPException(404, "no such tile")
@@ -298,7 +225,7 @@ def _json(document: BaseModel, status: int = 200) -> Response:
 
 def _http_problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    names = {400: "request", 404: "not_found", 405: "method", 413: "too_large", 415: "media_type"}
+    names = {400: "request", 404: "not_found", 405: "method"}
     return problem(error.status_code, names.get(error.status_code, "http"), error.detail)
 
 

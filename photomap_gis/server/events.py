@@ -1,4 +1,4 @@
-"""Events to whoever listens (server-sent events, WHATWG HTML 9.2): a mission changed, a job moved on."""
+"""Events to whoever listens (server-sent events, WHATWG HTML 9.2): a mission changed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,12 @@ _KEEP_ALIVE_S = 15.0
 class Events:
     """One stream a listener; a listener that does not read loses the oldest events, never the newest.
 
-    Used within one event loop; ``send_soon`` may be called from any thread.
+    Used within one event loop.
     """
 
     def __init__(self) -> None:
         self._queues: set[asyncio.Queue[EventDocument | None]] = set()
-        self._loop: asyncio.AbstractEventLoop | None = None
         self._count = 0
-
-    def bind(self) -> None:
-        """Note the running loop."""
-        self._loop = asyncio.get_running_loop()
 
     def send(self, event: EventDocument | None) -> None:
         """Hand an event to every listener; ``None`` ends their streams."""
@@ -32,11 +27,6 @@ class Events:
             if queue.full():
                 queue.get_nowait()
             queue.put_nowait(event)
-
-    def send_soon(self, event: EventDocument | None) -> None:
-        """The same from another thread; nothing happens where no loop runs."""
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self.send, event)
 
     async def stream(self, first: list[EventDocument]) -> AsyncIterator[bytes]:
         """Yield the bytes of a listener's stream, ``first`` before all else."""

@@ -1,4 +1,4 @@
-"""What one server process holds: its missions by name, their tiles, its listeners, and jobs where it runs any."""
+"""What one server process holds: its missions by name, their tiles, its listeners."""
 
 from __future__ import annotations
 
@@ -9,23 +9,21 @@ from pathlib import Path
 from photomap_gis.core.errors import PhotomapError
 from photomap_gis.export.encode import TileFormat
 from photomap_gis.server.events import Events
-from photomap_gis.server.jobs import Jobs
 from photomap_gis.server.missions import ServedMission, Snapshot
 from photomap_gis.server.tilecache import TileAddress, TileCache
 from photomap_gis.server.view import OpenView
 
 
 class Host:
-    """The missions of a server; safe among threads. ``jobs`` is ``None`` where it only serves."""
+    """The missions of a server; safe among threads."""
 
-    def __init__(self, open_view: OpenView, *, jobs: bool = False) -> None:
+    def __init__(self, open_view: OpenView) -> None:
         self._open_view = open_view
         self._missions: dict[str, ServedMission] = {}
         self._count = 0
         self._lock = threading.Lock()
         self._cache = TileCache()
         self.events = Events()
-        self.jobs = Jobs(self.events) if jobs else None
 
     def open(self, folder: Path, before: Path | None = None) -> ServedMission:
         """Serve a mission folder; one that is served already keeps its name. ``PhotomapError`` where it cannot be."""
@@ -38,11 +36,6 @@ class Host:
             self._missions[id] = mission = ServedMission(id, folder, self._open_view, before)
             self._count += 1
             return mission
-
-    def forget(self, id: str) -> None:
-        """Stop serving a mission; its folder is not touched."""
-        with self._lock:
-            self._missions.pop(id, None)
 
     def get(self, id: str | None) -> ServedMission:
         """Return a mission, the first one for ``None``; ``KeyError`` where there is none."""
@@ -77,8 +70,6 @@ class Host:
         return self._cache.get(snapshot, address)
 
     def close(self) -> None:
-        """End jobs and let go of all files."""
-        if self.jobs is not None:
-            self.jobs.close()
+        """Let go of all files."""
         for mission in self.all():
             mission.close()

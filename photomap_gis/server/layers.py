@@ -30,8 +30,8 @@ MAX_ZOOM = 26
 class TileScheme:
     """How a layer's tiles are addressed: web tiles, or pixels of a map that has no place on Earth.
 
-    ``bounds`` is west, south, east, north: degrees for ``webmercator``, the map's own units for ``local``. A local map's
-    tile (0, 0) has its corner at ``origin_xy``, and a pixel of zoom ``max_zoom`` measures ``unit_per_px``.
+    ``bounds`` is west, south, east, north: degrees for ``webmercator``, the map's own units for ``local``. A local
+    map's tile (0, 0) has its corner at ``origin_xy``, and a pixel of zoom ``max_zoom`` measures ``unit_per_px``.
     """
 
     kind: str
@@ -57,8 +57,8 @@ _MERCATOR = parse_crs(WEB_MERCATOR).to_wkt()
 class Layer:
     """One picture of the ground: ``id`` and ``title``, and its tiles.
 
-    ``sources`` are the same picture from fine to coarse; ``values`` is the file whose numbers its colours stand for, and
-    ``files`` are what is closed with it.
+    ``sources`` are the same picture from fine to coarse; ``values`` is the file whose numbers its colours stand for,
+    and ``files`` are what is closed with it.
     """
 
     def __init__(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 API = 1
 
@@ -26,7 +26,6 @@ class ServerDocument(Document):
     api: int = API
     product: str = "photomap"
     version: str
-    mode: Literal["serve", "engine"]
     missions: list[str]
 
 
@@ -96,12 +95,6 @@ class MissionsDocument(Document):
     missions: list[MissionDocument]
 
 
-class OpenMissionRequest(Document):
-    """``POST /missions``: open a mission folder of this machine (engine only)."""
-
-    folder: str = Field(min_length=1)
-
-
 class ValueDocument(Document):
     """``GET /missions/ID/layers/LAYER/value``: the number of a layer at a place, ``null`` where it has none."""
 
@@ -109,50 +102,12 @@ class ValueDocument(Document):
     units: str = ""
 
 
-class JobRequest(Document):
-    """``POST /jobs``: a command of ``photomap`` by its name, and its arguments as on the command line."""
-
-    kind: str = Field(min_length=1, max_length=40)
-    arguments: list[str] = Field(default_factory=list, max_length=1000)
-
-
-class StageDocument(Document):
-    """How far a stage of a job is."""
-
-    stage: str
-    done: int
-    total: int
-
-
-JobState = Literal["running", "done", "failed", "cancelled"]
-
-
-class JobDocument(Document):
-    """A job: ``result`` is the command's ``--json`` document, ``message`` its last words where it failed."""
-
-    id: str
-    kind: str
-    arguments: list[str]
-    state: JobState
-    stages: list[StageDocument] = Field(default_factory=list)
-    exit_code: int | None = None
-    message: str = ""
-    result: Any = None
-
-
-class JobsDocument(Document):
-    """``GET /jobs``."""
-
-    jobs: list[JobDocument]
-
-
 class EventDocument(Document):
     """One event of ``GET /events``; the SSE event's name is ``event``."""
 
-    event: Literal["hello", "mission", "job", "bye"]
+    event: Literal["hello", "mission"]
     mission: str | None = None
     epoch: str | None = None
-    job: JobDocument | None = None
 
 
 class ErrorDocument(Document):
@@ -163,7 +118,7 @@ class ErrorDocument(Document):
 
 
 class ReadyDocument(Document):
-    """The first line on stdout of ``photomap engine`` and of ``photomap serve --json``."""
+    """The first line on stdout of ``photomap serve --json``."""
 
     event: Literal["ready"] = "ready"
     api: int = API

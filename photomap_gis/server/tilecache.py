@@ -41,7 +41,7 @@ class TileCache:
         self._empty = {f: encode(np.zeros((TILE_PX, TILE_PX, 4), np.uint8), f) for f in TileFormat}
 
     def get(self, snapshot: Snapshot, address: TileAddress) -> bytes:
-        """Return the tile's bytes, wholly transparent where it shows nothing; ``KeyError``, ``UsageError`` if none is."""
+        """Return the tile's bytes, wholly transparent where it shows nothing; ``KeyError``, ``UsageError`` if none."""
         with self._lock:
             if address in self._tiles:
                 self._tiles.move_to_end(address)

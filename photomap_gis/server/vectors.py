@@ -54,7 +54,7 @@ def frames_document(view: MissionView) -> dict[str, Any]:
 
 
 def track_document(view: MissionView) -> dict[str, Any]:
-    """Return the path over ground of each flight and piece: a line through its frames' centres, in the order of time."""
+    """Return the path over ground of each flight and piece: lines through frame centres, in the order of time."""
     placed = {p.frame: p for p in view.placements}
     place = _Placer(view.map_frame, view.placements)
     lines: dict[tuple[int, int], list[tuple[FrameRef, list[float]]]] = {}
@@ -121,7 +121,7 @@ class _Placer:
         self.digits = _LOCAL_DIGITS if frame.crs_wkt is None else _DEGREE_DIGITS
         self._to = None
         if frame.crs_wkt is not None:
-            centres = np.array([p.centre_xy_map_m for p in placements] or [[0.0, 0.0]])
+            centres = np.array([p.centre_xy_map_m for p in placements]).reshape(-1, 2)
             centres = centres[np.isfinite(centres).all(axis=1)]
             around = frame.to_crs(centres if len(centres) else [[0.0, 0.0]])
             self._to = point_map(frame.crs_wkt, WGS84, around_xy=around)

@@ -1,4 +1,4 @@
-"""A mission folder as the server sees it, read through the corridor."""
+"""A mission folder as ``photomap serve`` shows it, read through the corridor."""
 
 from __future__ import annotations
 
