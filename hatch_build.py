@@ -1,9 +1,9 @@
 """Puts OpenLayers, the map library of ``photomap serve``'s page, into the package when it is built or installed.
 
-The official build (``ol.js``, ``ol.css`` of npm's ``ol``) is not kept in the repository. It is had from npm where there is
-one, else out of a package on PyPI that carries the same two files, by the pip that builds this one. Their SHA-256
-are pinned here, so both ways give the same bytes or none. Where neither works the package is built without them: the
-server works, and its page says what to do. ``python hatch_build.py`` does the same for a checkout.
+The official build (``ol.js``, ``ol.css`` of npm's ``ol``) is not kept in the repository. It is had from npm where
+there is one, else out of a package on PyPI that carries the same two files, by the pip that builds this one. Their
+SHA-256 are pinned here, so both ways give the same bytes or none. Where neither works the package is built without
+them: the server works, and its page says what to do. ``python hatch_build.py`` does the same for a checkout.
 """
 
 from __future__ import annotations

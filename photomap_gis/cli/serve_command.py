@@ -42,7 +42,7 @@ def command(
     """
     from photomap_gis.cli.serve_view import open_view
     from photomap_gis.server import Access, BoundServer, Host, create_app, is_loopback, new_token
-    from photomap_gis.server.page import is_built
+    from photomap_gis.server.page import HOW_TO_GET, is_built
     from photomap_gis.server.protocol import ReadyDocument
 
     if token is not None and not (token.isascii() and token.isprintable() and len(token) >= 8 and " " not in token):
@@ -63,7 +63,7 @@ def command(
             click.echo(url)
             _teach(server.url, token, georeferenced=served.get(None).current().view.georeferenced)
             if not is_built():
-                click.echo("this version has no map page yet: use the tiles or WMTS in a GIS", err=True)
+                click.echo(f"the map page is not installed: {HOW_TO_GET}; tiles and WMTS work", err=True)
         if open_browser:
             webbrowser.open(url)
 
