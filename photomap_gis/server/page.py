@@ -1,4 +1,4 @@
-"""The page: our sources in ``server/web``, and OpenLayers, which ``hatch_build.py`` puts beside them at installation."""
+"""The page: our sources in ``server/web``, and OpenLayers, which ``hatch_build.py`` puts beside them when installed."""
 
 from __future__ import annotations
 

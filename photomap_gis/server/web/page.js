@@ -11,6 +11,8 @@ const get = async url => {
   return document_;
 };
 
+const timeWords = utc => utc?.replace("T", " ").replace(/\.000Z$|Z$/, " UTC") ?? "time unknown";
+
 class Page {
   constructor(mission) {
     this.mission = mission;
@@ -199,9 +201,8 @@ class Page {
     this.state.moment = order;
     $("moment").value = order;
     const frame = this.byOrder[order];
-    const time = frame?.get("time_utc")?.replace("T", " ").replace(/\.000Z$|Z$/, " UTC") ?? "time unknown";
     $("moment-words").textContent = frame
-      ? `Frame ${order + 1} of ${this.byOrder.length}: ${frame.get("name")}, ${time}${frame.getGeometry() ? "" : `, ${frame.get("status")}`}` : "";
+      ? `Frame ${order + 1} of ${this.byOrder.length}: ${frame.get("name")}, ${timeWords(frame.get("time_utc"))}${frame.getGeometry() ? "" : `, ${frame.get("status")}`}` : "";
     $("moment").setAttribute("aria-valuetext", $("moment-words").textContent);
     this.frames.changed();
     this.track.changed();
@@ -211,7 +212,7 @@ class Page {
     const first = this.mission.layers.find(l => this.state.piece === null || l.piece === this.state.piece);
     const phone = innerWidth <= 760;
     this.map.getView().fit(this.extentOf(first ?? this.mission.layers[0]), {
-      padding: phone ? [90, 10, 190, 10] : [20, 270, 80, 20],
+      padding: [$("title").offsetHeight + 20, phone ? 10 : 270, phone ? 170 : 80, phone ? 10 : 20],
     });
   }
 
@@ -243,6 +244,7 @@ class Page {
       $(id).addEventListener("click", () => {
         this.measuring.clear();
         use($(id).getAttribute("aria-pressed") === "true" ? null : id);
+        this.menu(false);
       });
     $("clear").addEventListener("click", () => { use(null); this.measuring.clear(); $("picked").textContent = ""; this.mark(null); });
     addEventListener("keydown", e => { if (e.key === "Escape") $("clear").click(); });
@@ -297,7 +299,7 @@ class Page {
     this.mark(frame);
     if (frame) {
       const p = frame.getProperties();
-      lines.push(`Seen best by ${p.name}`, p.time_utc ?? "");
+      lines.push(`Seen best by ${p.name}`, timeWords(p.time_utc));
       if (p.sigma !== null && this.georeferenced) lines.push(`position ± ${p.sigma.toFixed(2)} m (1 sigma, predicted)`);
     }
     lines.push(...await this.values(event.coordinate));
