@@ -25,7 +25,6 @@ def mission_document(mission: ServedMission, snapshot: Snapshot) -> MissionDocum
     return MissionDocument(
         id=mission.id,
         name=view.name,
-        folder=str(view.folder),
         epoch=snapshot.epoch,
         revision=view.revision,
         georeferenced=view.georeferenced,

@@ -128,7 +128,7 @@ def mission_layers(view: MissionView) -> list[Layer]:
     for path in sorted((view.folder / "layers").glob("*.tif")):
         try:
             file = RasterFile(path, local=not view.georeferenced, ramp=True)
-            title = file.tags.get("TITLE") or path.stem.replace("_", " ").replace("-", " ").capitalize()
+            title = file.tags.get("TITLE") or _title(path.stem, file.band_name)
             values = file if file.ramp is not None else None
             piece = None if view.georeferenced else view.pieces[0]
             id = f"layer-{_slug(path.stem)}"
@@ -176,6 +176,11 @@ def _same_ground(store: TileStore, file: RasterFile | None) -> tuple[RasterFile,
 def _levels(store: TileStore, files: tuple[RasterFile, ...]) -> list[TileSource]:
     """Return the store's own pixels, and under them the overviews of the GeoTIFF."""
     return [store, *(level for file in files for level in file.levels[1:])]
+
+
+def _title(stem: str, band_name: str) -> str:
+    title = stem.replace("_", " ").replace("-", " ").capitalize()
+    return title if band_name in ("", stem) else f"{title}: {band_name}"
 
 
 def _slug(text: str) -> str:

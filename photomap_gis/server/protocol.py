@@ -71,7 +71,6 @@ class MissionDocument(Document):
 
     id: str
     name: str
-    folder: str
     epoch: str
     revision: int
     georeferenced: bool

@@ -41,7 +41,7 @@ class RasterFile:
     def __init__(self, path: Path, *, local: bool = False, ramp: bool = False) -> None:
         """Open a raster; ``DataError`` where it cannot be read, or says not where it lies and is not ``local``.
 
-        ``ramp`` shows a single band of numbers in colours, else it is a grey picture.
+        ``ramp`` shows the first band, where it holds numbers of more than 8 bits, as colours with a legend.
         """
         self.path = path
         self._lock = threading.Lock()
@@ -70,6 +70,13 @@ class RasterFile:
         with self._lock:
             units = self._datasets[0].units[0]
         return str(units or self.tags.get("UNITS") or self.tags.get("units") or "")
+
+    @property
+    def band_name(self) -> str:
+        """What its first band is called, where it has several; else empty."""
+        with self._lock:
+            names = self._datasets[0].descriptions
+        return str(names[0] or "") if len(names) > 1 else ""
 
     def value_at(self, xy_px: tuple[float, float]) -> float | None:
         """Return the first band's number at a pixel-centre coordinate, ``None`` where there is none."""
@@ -162,7 +169,8 @@ class _Bands:
         colours = [i for i in dataset.indexes if kinds[i - 1] != ColorInterp.alpha]
         if not colours or any(np.dtype(t).kind == "c" for t in dataset.dtypes):
             raise DataError(f"{dataset.name} holds no picture: name an image with 1 or 3 bands")
-        numbers = tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
+        ramp = ramp and np.dtype(dataset.dtypes[0]) != np.uint8
+        numbers = (colours[0],) if ramp or len(colours) < 3 else tuple(colours[:3])
         none = np.zeros(len(numbers), np.float32)
         if ColorInterp.palette in kinds:
             table = np.zeros((256, 4), np.uint8)
@@ -170,11 +178,10 @@ class _Bands:
                 if 0 <= k < 256:
                     table[k] = colour
             return cls((colours[0],), none + 1, none, palette=table)
-        single = ramp and len(numbers) == 1
-        if np.dtype(dataset.dtypes[0]) == np.uint8 and not single:
+        if np.dtype(dataset.dtypes[0]) == np.uint8:
             return cls(numbers, none + 1, none)
         seen = _look(dataset, numbers)
-        if single:
+        if ramp:
             return cls(numbers, none + 1, none, ramp=Ramp.over(seen[0]))
         limits = [np.percentile(v, _STRETCH_PERCENT) if v.size else np.array([0.0, 1.0]) for v in seen]
         low = np.array([v[0] for v in limits], np.float32)

@@ -85,6 +85,8 @@ def test_documents_of_a_mission(client, mission):
     assert any(w.startswith("Predicted: CE90") for w in document["accuracy_words"])
     roles = {layer["id"]: layer["role"] for layer in document["layers"]}
     assert roles["map"] == "map" and roles["layer-sigma"] == "layer"
+    assert "Searched: resolution" in [layer["title"] for layer in document["layers"]]
+    assert str(mission.parent) not in json.dumps(document)  # where it lies is nobody's business
     legend = next(layer["legend"] for layer in document["layers"] if layer["id"] == "layer-sigma")
     assert legend["low"] < legend["high"]
     with rasterio.open(mission / "map.tif") as d:
@@ -270,3 +272,17 @@ def test_a_changed_mission_is_told_to_listeners(mission):
     first, second = asyncio.run(listen())
     assert first.startswith(b"id: 1\nevent: hello\ndata: ") and first.endswith(b"\n\n")
     assert json.loads(second.split(b"data: ")[1]) == {"event": "mission", "mission": "1", "epoch": "abc"}
+
+
+def test_the_protocol_document_names_every_address_and_field(client):
+    text = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+    for route in client.app.routes:
+        path = route.path.replace("{mission}", "1").replace("{layer}", "LAYER").replace("{format}", "png")
+        assert path.startswith("/assets") or f"`{path}" in text, path
+    document = client.get("/missions/1").json()
+    layer = next(v for v in document["layers"] if v["legend"])
+    frame = client.get("/missions/1/frames.geojson").json()["features"][0]["properties"]
+    track = client.get("/missions/1/track.geojson").json()["features"][0]["properties"]
+    for fields in (document, document["links"], layer, layer["scheme"], layer["legend"], frame, track):
+        for field in fields:
+            assert f"`{field}`" in text, field

@@ -82,7 +82,7 @@ export function planeArea(ring) {
 /** A place as people read it, a line a system. */
 export function placeWords(lonDeg, latDeg) {
   const u = utm(lonDeg, latDeg), lines = [`${latDeg.toFixed(6)}, ${wrap(lonDeg).toFixed(6)} (lat, lon)`];
-  if (u) lines.push(`UTM ${u.zone}${u.band} ${u.easting.toFixed(0)} ${u.northing.toFixed(0)}`, `MGRS ${mgrs(lonDeg, latDeg)}`);
+  if (u) lines.push(`UTM ${u.zone}${u.band} ${u.easting.toFixed(1)} ${u.northing.toFixed(1)}`, `MGRS ${mgrs(lonDeg, latDeg)}`);
   return lines.join("\n");
 }
 

@@ -13,6 +13,12 @@ const get = async url => {
 
 const timeWords = utc => utc?.replace("T", " ").replace(/\.000Z$|Z$/, " UTC") ?? "time unknown";
 
+/** A layer's number in its units; seconds since 1970 are a time. */
+function valueWords(value, units, digits) {
+  if (units.startsWith("s since 1970")) return timeWords(new Date(value * 1000).toISOString());
+  return `${Number(value.toPrecision(digits))} ${units}`.trim();
+}
+
 class Page {
   constructor(mission) {
     this.mission = mission;
@@ -134,8 +140,7 @@ class Page {
     const legend = document.createElement("div"), bar = document.createElement("i");
     legend.className = "legend";
     bar.style.background = `linear-gradient(to right, ${words.colours.join(",")})`;
-    const number = v => Number(v.toPrecision(3)).toString();
-    legend.append(number(words.low), bar, `${number(words.high)} ${words.units}`.trim());
+    legend.append(...[words.low, bar, words.high].map(v => (v === bar ? bar : valueWords(v, words.units, 3))));
     return legend;
   }
 
@@ -323,7 +328,7 @@ class Page {
     return Promise.all(asked.map(async r => {
       const id = encodeURIComponent(r.document.id);
       const answer = await get(`missions/${this.mission.id}/layers/${id}/value?x=${x}&y=${y}`);
-      return answer.value === null ? "" : `${r.document.title}: ${Number(answer.value.toPrecision(5))} ${answer.units}`.trim();
+      return answer.value === null ? "" : `${r.document.title}: ${valueWords(answer.value, answer.units, 5)}`;
     }));
   }
 
