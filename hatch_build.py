@@ -72,7 +72,7 @@ def _by_npm() -> dict[str, bytes]:
     npm = shutil.which("npm")
     if npm is None:
         raise FileNotFoundError("npm is not installed")
-    [archive] = _downloaded([npm, "pack", "--silent", "--ignore-scripts", NPM_PACKAGE], "*.tgz")
+    [archive] = _downloaded([npm, "pack", "--ignore-scripts", "--fetch-retries=1", NPM_PACKAGE], "*.tgz")
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         return {
             name: _read(tar.extractfile(f"package/{inside}"))
@@ -81,7 +81,7 @@ def _by_npm() -> dict[str, bytes]:
 
 
 def _by_pip() -> dict[str, bytes]:
-    options = ["--no-deps", "--only-binary", ":all:", "--disable-pip-version-check", "--quiet"]
+    options = ["--no-deps", "--only-binary", ":all:", "--disable-pip-version-check", "--retries=1", "--quiet"]
     [wheel] = _downloaded([sys.executable, "-m", "pip", "download", *options, PYPI_PACKAGE], "*.whl")
     with zipfile.ZipFile(io.BytesIO(wheel)) as archive:
         return {name: archive.read(f"pyopenlayersqt/vendor/ol/{name}") for name in SHA256}

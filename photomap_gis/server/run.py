@@ -30,10 +30,10 @@ class BoundServer:
 
     @property
     def url(self) -> str:
-        """The address to type into a browser on this machine."""
+        """The address to type into a browser: one that other machines know, where they are let in."""
         host = self.host
         if host in ("0.0.0.0", "::", ""):
-            host = "127.0.0.1"
+            host = _address_in_the_network()
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     def serve(self, app: Starlette, on_ready: Callable[[], None]) -> None:
@@ -65,6 +65,16 @@ class _Announcing(uvicorn.Server):
         await super().startup(sockets)
         if self.started:
             self._on_ready()
+
+
+def _address_in_the_network() -> str:
+    """Return this machine's address towards others; loopback where it has none. Nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # TEST-NET-1 (RFC 5737): only the route to it is looked up
+            return str(probe.getsockname()[0])
+        except OSError:
+            return "127.0.0.1"
 
 
 def _bound(host: str, port: int, *, fall_back: bool) -> socket.socket:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
+import httpx2
 import mgrs
 import numpy as np
 import pytest
@@ -255,3 +256,30 @@ def test_where_openlayers_is_absent_the_page_says_what_to_do(mission, monkeypatc
         assert answer.status_code == 503 and "hatch_build.py" in answer.text and "wmts.xml" in answer.text
         assert client.get("/assets/ol.js").status_code == 404
         assert client.get("/assets/page.js").status_code == 200
+
+
+def test_gdal_reads_the_wmts_and_the_map_lies_where_the_geotiff_has_it(mission):
+    """A peer that knows the standard: GDAL's WMTS client warps the served map back onto map.tif."""
+    with rasterio.open(mission / "map.tif") as d:
+        wanted, crs, transform, shape = d.read(), d.crs, d.transform, d.shape
+    with served(mission) as ready, rasterio.open(f"WMTS:{ready['url']}wmts.xml,layer=map") as wmts:
+        assert wmts.crs.to_epsg() == 3857 and wmts.count == 4
+        found = np.zeros((4, *shape), np.uint8)
+        for band in range(4):
+            rasterio.warp.reproject(
+                rasterio.band(wmts, band + 1), found[band], dst_crs=crs, dst_transform=transform,
+                resampling=rasterio.warp.Resampling.bilinear,
+            )  # fmt: skip
+    seen = (found[3] > 250) & (wanted[3] > 0)
+    assert seen.mean() > 0.8 * (wanted[3] > 0).mean()
+    a, b = (np.where(seen, v[1], v[1][seen].mean()).astype(np.float64) for v in (found, wanted))
+    (dx, dy), _ = cv2.phaseCorrelate(a, b)
+    assert np.hypot(dx, dy) < 0.1
+
+
+def test_a_server_for_the_network_asks_for_a_token(mission):
+    with served(mission, "--host", "0.0.0.0") as ready:
+        assert len(ready["token"]) >= 20 and ready["url"].endswith(f"/?token={ready['token']}")
+        root = f"http://127.0.0.1:{ready['port']}/api"
+        assert httpx2.get(root, trust_env=False).status_code == 401
+        assert httpx2.get(root, params={"token": ready["token"]}, trust_env=False).status_code == 200
