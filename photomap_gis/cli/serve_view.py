@@ -17,7 +17,8 @@ def open_view(folder: Path) -> MissionView:
         solved = Solved.load(mission)
         segments = [] if solved.georeferenced else solved.segment_numbers
         drawn = [mission.mosaic_folder(n) for n in range(max(1, len(segments)))]
-    mosaics = [path for path in drawn if (path / "grid.json").is_file()]
+    shown = [n for n, path in enumerate(drawn) if (path / "grid.json").is_file()]
+    mosaics = [drawn[n] for n in shown]
     if not mosaics:
         raise DataError(f"{folder} has no drawn map: run 'photomap map' on its sources again to finish it")
     document, _ = mission_statement(folder)
@@ -31,7 +32,7 @@ def open_view(folder: Path) -> MissionView:
         solved.reasons,
         solved.trajectory.revision,
         tuple(mosaics),
-        tuple(segments[: len(mosaics)]),
+        tuple(segments[n] for n in shown if segments),
         document["crs"],
         {key: document[key] for key in ("fit_to_gps_rms_m", "predicted_ce90_m", "accuracy", "segments")},
         solved.warnings,

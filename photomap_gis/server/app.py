@@ -80,6 +80,7 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
         exception_handlers={
             HTTPException: _http_problem,
             PhotomapError: _our_problem,
+            OSError: _file_problem,
             ClientDisconnect: lambda request, error: Response(status_code=400),
         },
     )
@@ -227,6 +228,10 @@ def _http_problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     names = {400: "request", 404: "not_found", 405: "method"}
     return problem(error.status_code, names.get(error.status_code, "http"), error.detail)
+
+
+def _file_problem(request: Request, error: Exception) -> Response:
+    return problem(503, "changing", "the mission's files are being replaced, or are gone: ask again in a moment")
 
 
 def _our_problem(request: Request, error: Exception) -> Response:

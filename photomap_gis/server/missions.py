@@ -80,7 +80,7 @@ class ServedMission:
             if stamp != self._stamp:
                 try:
                     fresh = self._opened(stamp)
-                except PhotomapError:
+                except (PhotomapError, OSError, ValueError, LookupError):
                     return self._snapshot  # half written: the next look tries again
                 # Old layers are not closed: a tile may be read from one at this moment; they go with their last reader.
                 self._snapshot, self._stamp = fresh, stamp
@@ -125,13 +125,22 @@ def mission_layers(view: MissionView) -> list[Layer]:
         layers.append(Layer(id, title, _levels(store, files), role="map", piece=piece, files=files))
     if not layers:
         raise DataError(f"{view.folder} has no drawn map: run 'photomap map' on its sources again to finish it")
-    for path in sorted((view.folder / "layers").glob("*.tif")):
+    for n in range(len(view.mosaics)):
+        layers += _further_layers(view, n)
+    return layers
+
+
+def _further_layers(view: MissionView, n: int) -> list[Layer]:
+    """Return what ``photomap export --layers`` wrote of a map, or of its ``n``-th piece."""
+    layers = []
+    end = "" if n == 0 else f"-{n + 1}"
+    for path in sorted((view.folder / f"layers{end}").glob("*.tif")):
         try:
             file = RasterFile(path, local=not view.georeferenced, ramp=True)
             title = file.tags.get("TITLE") or _title(path.stem, file.band_name)
             values = file if file.ramp is not None else None
-            piece = None if view.georeferenced else view.pieces[0]
-            id = f"layer-{_slug(path.stem)}"
+            piece = None if view.georeferenced else view.pieces[n]
+            id = f"layer-{_slug(path.stem)}{end}"
             layers.append(Layer(id, title, file.levels, role="layer", piece=piece, values=values, files=(file,)))
         except PhotomapError:
             continue  # a layer that cannot be shown does not keep the map from being shown
@@ -154,7 +163,7 @@ def before_layer(path: Path, open_view: OpenView, *, georeferenced: bool) -> Lay
 
 
 def _overviews_of(view: MissionView, piece: int) -> RasterFile | None:
-    name = "map.tif" if view.georeferenced else f"map-{piece + 1}.tif"
+    name = "map.tif" if len(view.mosaics) == 1 else f"map-{piece + 1}.tif"
     try:
         return RasterFile(view.folder / name, local=not view.georeferenced)
     except PhotomapError:

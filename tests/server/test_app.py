@@ -3,6 +3,8 @@
 import io
 import json
 import math
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,7 +16,11 @@ from PIL import Image
 from pyproj import Transformer
 
 from photomap_gis import __version__
+from photomap_gis.cli import main
+from photomap_gis.cli.serve_view import open_view
 from photomap_gis.core.errors import DataError
+from photomap_gis.server import Host
+from photomap_gis.server.missions import mission_layers
 from tests.server.clients import client_of
 
 HALF_WORLD_M = math.pi * 6378137.0
@@ -127,6 +133,28 @@ def test_finds_are_shown_and_change_the_epoch(client, mission):
         path.unlink()
 
 
+def test_a_half_written_mission_stays_as_it_was(client, mission, monkeypatch):
+    """While it is solved again the last whole state is shown, and a file that vanishes meanwhile is no fault."""
+    solution = mission / "solution.json"
+    whole = solution.read_bytes()
+    before = client.get("/missions/1").json()
+    try:
+        for half in (b"", whole[: len(whole) // 2], b"[]"):
+            solution.write_bytes(half)
+            assert client.get("/missions/1").json() == before
+        solution.unlink()
+        assert client.get("/missions/1").json() == before
+    finally:
+        solution.write_bytes(whole)
+
+    def vanish(*arguments):
+        raise FileNotFoundError(str(mission / "map.tif"))
+
+    monkeypatch.setattr(Host, "tile", vanish)
+    gone = client.get("/tiles/0/0/0.png")
+    assert gone.status_code == 503 and "ask again" in gone.json()["message"] and str(mission) not in gone.text
+
+
 def test_tilejson_and_wmts_name_tiles_that_are_there(client):
     tilejson = client.get("/tiles.json").json()
     assert tilejson["tilejson"] == "3.0.0" and tilejson["scheme"] == "xyz"
@@ -230,6 +258,20 @@ def test_a_map_without_a_place_is_shown_in_its_own_pixels(relative):
         assert np.abs(tile[: wanted.shape[0], : wanted.shape[1]].astype(int) - wanted)[both].mean() < 1.0
         assert client.get("/tiles.json").status_code == client.get("/wmts.xml").status_code == 404
         assert client.get("/missions/1/frames.geojson").json()["coordinates"] == "local"
+
+
+def test_every_piece_of_a_map_without_a_place_has_its_own_layers(relative):
+    """Two pieces, by a mission folder that says so: the second is the first one's pixels under its own name."""
+    with client_of(relative) as client:
+        [first, *others] = client.get("/missions/1").json()["layers"]
+    assert first["piece"] is not None and others == []
+    assert main(["export", str(relative), "--layers", "-q"]) == 0
+    view = open_view(relative)
+    shutil.copytree(relative / "layers", relative / "layers-2")
+    two = replace(view, mosaics=view.mosaics * 2, pieces=(*view.pieces, 7))
+    layers = {layer.id: layer.piece for layer in mission_layers(two)}
+    assert layers["map"] == layers["layer-views"] == view.pieces[0]
+    assert layers["map-2"] == layers["layer-views-2"] == 7
 
 
 def test_before_is_another_mission_or_a_geotiff(mission, relative, tmp_path):

@@ -121,6 +121,7 @@ class Page {
     });
     opacity.hidden = !raster.wanted;
     opacity.addEventListener("input", () => raster.setOpacity(Number(opacity.value)));
+    raster.row = row;
     row.append(label);
     const legend = this.legend(raster.document.legend);
     if (legend) { row.append(legend); legend.hidden = !raster.wanted; }
@@ -146,8 +147,11 @@ class Page {
 
   showPiece() {
     const { piece } = this.state;
-    for (const r of this.rasters.values())
-      r.setVisible(r.wanted && (piece === null || r.document.piece === null || r.document.piece === piece));
+    for (const r of this.rasters.values()) {
+      const here = piece === null || r.document.piece === null || r.document.piece === piece;
+      r.setVisible(r.wanted && here);
+      r.row.hidden = !here;
+    }
     for (const l of [this.frames, this.track]) l.changed();
     const maps = this.mission.layers.filter(l => l.role === "map");
     $("pieces").hidden = piece === null || maps.length < 2;
