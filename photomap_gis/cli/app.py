@@ -19,6 +19,7 @@ COMMANDS = {
     "georeference": "Give a map its place by picked points, or nudge it.",
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, GeoPackage, ATAK, PDF ...",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
+    "serve": "Show a mission's map in a browser; tiles and WMTS for QGIS and ArcGIS.",
     "reference": "Lay a mission's map on existing imagery.",
     "compare": "Say what has changed between old imagery and a new map.",
     "package": "Pack a mission into one file for the incident commander.",

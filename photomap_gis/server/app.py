@@ -1,0 +1,239 @@
+"""The server as an ASGI application: which address gives what. ``docs/protocol.md`` says it in words."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+from urllib.parse import quote
+
+from pydantic import BaseModel
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from photomap_gis import __version__
+from photomap_gis.core.errors import PhotomapError, UsageError
+from photomap_gis.export.encode import TileFormat
+from photomap_gis.server import vectors
+from photomap_gis.server.access import Access, AccessMiddleware, problem
+from photomap_gis.server.documents import mission_document, tile_json
+from photomap_gis.server.host import Host
+from photomap_gis.server.missions import ServedMission, Snapshot
+from photomap_gis.server.page import PageAssets
+from photomap_gis.server.protocol import (
+    EventDocument,
+    MissionsDocument,
+    ServerDocument,
+    ValueDocument,
+)
+from photomap_gis.server.wmts import capabilities
+
+_WATCH_S = 1.0
+_CACHE_FOR_EVER = "private, max-age=31536000, immutable"
+
+
+def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Starlette:
+    """Return the application over a host's missions."""
+    page = PageAssets()
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        watcher = asyncio.create_task(_watch(host, watch_s))
+        try:
+            yield
+        finally:
+            watcher.cancel()
+            host.events.send(None)
+            await run_in_threadpool(host.close)
+
+    api = _Api(host, access)
+    routes = [
+        Route("/", page.index),
+        Route("/assets/{name}", page.asset),
+        Route("/api", api.server),
+        Route("/events", api.events),
+        Route("/missions", api.missions, methods=["GET"]),
+        Route("/missions/{mission}", api.mission, methods=["GET"]),
+        Route("/missions/{mission}/frames.geojson", api.geojson(vectors.frames_document)),
+        Route("/missions/{mission}/track.geojson", api.geojson(vectors.track_document)),
+        Route("/missions/{mission}/finds.geojson", api.geojson(vectors.finds_document)),
+        Route("/missions/{mission}/wmts.xml", api.wmts),
+        Route("/missions/{mission}/layers/{layer}/tiles.json", api.tilejson),
+        Route("/missions/{mission}/layers/{layer}/value", api.value),
+        Route("/missions/{mission}/layers/{layer}/{z}/{x}/{y}.{format}", api.tile),
+        # The short names of the first mission, for people who type.
+        Route("/tiles.json", api.tilejson),
+        Route("/wmts.xml", api.wmts),
+        Route("/tiles/{z}/{x}/{y}.{format}", api.tile),
+    ]
+    return Starlette(
+        routes=routes,
+        lifespan=lifespan,
+        middleware=[Middleware(AccessMiddleware, access=access)],
+        exception_handlers={
+            HTTPException: _http_problem,
+            PhotomapError: _our_problem,
+            OSError: _file_problem,
+            ClientDisconnect: lambda request, error: Response(status_code=400),
+        },
+    )
+
+
+class _Api:
+    """The handlers. Plain functions run in threads, since they draw and read; coroutines only pass on."""
+
+    def __init__(self, host: Host, access: Access) -> None:
+        self._host, self._access = host, access
+
+    def server(self, request: Request) -> Response:
+        return _json(ServerDocument(version=__version__, missions=self._host.ids))
+
+    def missions(self, request: Request) -> Response:
+        return _json(MissionsDocument(missions=[mission_document(m, m.current()) for m in self._host.all()]))
+
+    def mission(self, request: Request) -> Response:
+        mission = self._mission(request)
+        return _json(mission_document(mission, mission.current()))
+
+    def geojson(self, make: Callable[[Any], dict[str, Any]]) -> Callable[[Request], Response]:
+        def answer(request: Request) -> Response:
+            snapshot = self._mission(request).current()
+            etag = f'"{snapshot.epoch}"'
+            headers = {"etag": etag, "cache-control": "private, no-cache"}
+            if request.headers.get("if-none-match") == etag:
+                return Response(status_code=304, headers=headers)
+            text = json.dumps(make(snapshot.view), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+            return Response(text, media_type="application/geo+json", headers=headers)
+
+        return answer
+
+    def tile(self, request: Request) -> Response:
+        mission = self._mission(request)
+        snapshot = mission.current()
+        layer = request.path_params.get("layer", "map")
+        zoom, x, y = (_whole(request.path_params[k]) for k in "zxy")
+        wanted = request.path_params["format"].lower()
+        if wanted not in [f.value for f in TileFormat]:
+            raise HTTPException(404, f"tiles are {', '.join(f.value for f in TileFormat)}")
+        asked = request.query_params.get("epoch")
+        etag = f'"{snapshot.epoch}"'
+        headers = {"etag": etag, "cache-control": _CACHE_FOR_EVER if asked == snapshot.epoch else "private, no-cache"}
+        if request.headers.get("if-none-match") == etag:
+            return Response(status_code=304, headers=headers)
+        try:
+            data = self._host.tile(mission, snapshot, layer, zoom, x, y, TileFormat(wanted))
+        except KeyError:
+            raise HTTPException(404, "no such layer") from None
+        except UsageError as error:
+            raise HTTPException(404, str(error)) from error
+        return Response(data, media_type=TileFormat(wanted).mime, headers=headers)
+
+    def tilejson(self, request: Request) -> Response:
+        mission = self._mission(request)
+        snapshot = mission.current()
+        layer = self._layer(request, snapshot)
+        if layer.scheme.kind != "webmercator":
+            raise HTTPException(404, "this map has no place on Earth: only the page can show it")
+        url = self._url(request, f"missions/{mission.id}/layers/{layer.id}/") + "{z}/{x}/{y}.png" + self._key()
+        return JSONResponse(tile_json(mission, snapshot, layer, url))
+
+    def wmts(self, request: Request) -> Response:
+        mission = self._mission(request)
+        snapshot = mission.current()
+        if not snapshot.view.georeferenced:
+            raise HTTPException(404, "this map has no place on Earth: only the page can show it")
+        root = self._url(request, f"missions/{mission.id}/")
+        key = self._key()
+        text = capabilities(
+            snapshot,
+            f"{root}wmts.xml{key}",
+            lambda layer: f"{root}layers/{layer.id}/{{TileMatrix}}/{{TileCol}}/{{TileRow}}.png{key}",
+        )
+        return Response(text, media_type="application/xml")
+
+    def value(self, request: Request) -> Response:
+        snapshot = self._mission(request).current()
+        layer = self._layer(request, snapshot)
+        try:
+            x, y = (float(request.query_params[k]) for k in "xy")
+        except (KeyError, ValueError):
+            raise HTTPException(400, "give the place by ?x=LON&y=LAT (a local map: its units)") from None
+        if not (abs(x) < 1e12 and abs(y) < 1e12):
+            raise HTTPException(400, "x and y must be finite numbers")
+        place = snapshot.place_in(layer, (x, y))
+        found = None if place is None else layer.value_at(place)
+        return _json(ValueDocument(value=found, units="" if layer.values is None else layer.values.units))
+
+    async def events(self, request: Request) -> Response:
+        first = [EventDocument(event="hello")]
+        snapshots = await run_in_threadpool(lambda: [(m.id, m.current().epoch) for m in self._host.all()])
+        first += [EventDocument(event="mission", mission=id, epoch=epoch) for id, epoch in snapshots]
+        return StreamingResponse(
+            self._host.events.stream(first), media_type="text/event-stream", headers={"cache-control": "no-cache"}
+        )
+
+    def _mission(self, request: Request) -> ServedMission:
+        try:
+            return self._host.get(request.path_params.get("mission"))
+        except KeyError:
+            raise HTTPException(404, "no such mission") from None
+
+    def _layer(self, request: Request, snapshot: Snapshot) -> Any:
+        try:
+            return snapshot.layer(request.path_params.get("layer", "map"))
+        except KeyError:
+            raise HTTPException(404, "no such layer") from None
+
+    def _url(self, request: Request, path: str) -> str:
+        return f"{request.url.scheme}://{request.url.netloc}/{path}"
+
+    def _key(self) -> str:
+        return "" if self._access.token is None else f"?token={quote(self._access.token)}"
+
+
+async def _watch(host: Host, every_s: float) -> None:
+    """Tell listeners of missions whose files have changed."""
+    known: dict[str, str] = {}
+    while True:
+        for id, epoch in await run_in_threadpool(host.epochs):
+            if known.setdefault(id, epoch) != epoch:
+                known[id] = epoch
+                host.events.send(EventDocument(event="mission", mission=id, epoch=epoch))
+        await asyncio.sleep(every_s)
+
+
+def _whole(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 9):
+        raise HTTPException(404, "no such tile")
+    return int(text)
+
+
+def _json(document: BaseModel, status: int = 200) -> Response:
+    return Response(
+        document.model_dump_json(),
+        status_code=status,
+        media_type="application/json",
+        headers={"cache-control": "private, no-cache"},
+    )
+
+
+def _http_problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    names = {400: "request", 404: "not_found", 405: "method"}
+    return problem(error.status_code, names.get(error.status_code, "http"), error.detail)
+
+
+def _file_problem(request: Request, error: Exception) -> Response:
+    return problem(503, "changing", "the mission's files are being replaced, or are gone: ask again in a moment")
+
+
+def _our_problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, PhotomapError)
+    return problem(400 if isinstance(error, UsageError) else 422, type(error).__name__, str(error))

@@ -1,0 +1,366 @@
+// The page of `photomap serve`: a mission's layers, what lies over them, and where the cursor is.
+
+import { lengthM, placeWords } from "./coordinates.js";
+import { Measuring, findStyle, footprintStyle, geojsonLayer, trackStyle } from "./overlays.js";
+
+const $ = id => document.getElementById(id);
+const get = async url => {
+  const answer = await fetch(url);
+  const document_ = await answer.json();
+  if (!answer.ok) throw new Error(document_.message ?? answer.statusText);
+  return document_;
+};
+
+const timeWords = utc => utc?.replace("T", " ").replace(/\.000Z$|Z$/, " UTC") ?? "time unknown";
+
+/** A layer's number in its units; seconds since 1970 are a time. */
+function valueWords(value, units, digits) {
+  if (units.startsWith("s since 1970")) return timeWords(new Date(value * 1000).toISOString());
+  return `${Number(value.toPrecision(digits))} ${units}`.trim();
+}
+
+class Page {
+  constructor(mission) {
+    this.mission = mission;
+    this.georeferenced = mission.georeferenced;
+    const extent = mission.layers.reduce((sum, l) => ol.extent.extend(sum, [...l.scheme.bounds]), ol.extent.createEmpty());
+    this.projection = this.georeferenced ? ol.proj.get("EPSG:3857")
+      : new ol.proj.Projection({ code: "local", units: "pixels", extent });
+    this.state = {
+      moment: 0, last: 0, orders: new Map(), footprints: false, picked: null,
+      piece: this.georeferenced ? null : mission.pieces[0] ?? null,
+      inPiece: f => this.state.piece === null || f.get("piece") === null || f.get("piece") === this.state.piece,
+    };
+    const finest = this.resolution(mission.layers[0]);
+    this.map = new ol.Map({
+      target: "map",
+      controls: [new ol.control.Zoom()],
+      view: new ol.View({
+        projection: this.projection, enableRotation: false, minResolution: finest / 8, constrainResolution: false,
+        showFullExtent: true,
+        ...(this.georeferenced ? {} : { maxResolution: finest * 64 }),
+      }),
+    });
+    this.frames = geojsonLayer(this, footprintStyle(this.state), 20);
+    this.track = geojsonLayer(this, trackStyle(this.state), 21);
+    this.finds = geojsonLayer(this, findStyle, 30);
+    [this.frames, this.track, this.finds].forEach(l => this.map.addLayer(l));
+    this.measuring = new Measuring(this.map, this, words => { $("measured").textContent = words; });
+    this.rasters = new Map();
+    this.tell();
+    this.makeRasters();
+    this.fit();
+    this.listen();
+  }
+
+  resolution(layer) {
+    return this.georeferenced ? 2 * Math.PI * 6378137 / 256 / 2 ** layer.scheme.max_zoom : layer.scheme.unit_per_px;
+  }
+
+  extentOf(layer) {
+    const bounds = layer.scheme.bounds;
+    return this.georeferenced ? ol.proj.transformExtent(bounds, "EPSG:4326", this.projection) : bounds;
+  }
+
+  sourceOf(layer) {
+    const { scheme } = layer, levels = [...Array(scheme.max_zoom + 1).keys()];
+    const size = this.resolution(layer);
+    return new ol.source.TileImage({
+      projection: this.projection,
+      tileUrlFunction: ([z, x, y]) => layer.tiles.replace("{z}", z).replace("{x}", x).replace("{y}", y),
+      tileGrid: new ol.tilegrid.TileGrid({
+        origin: scheme.origin_xy, resolutions: levels.map(z => size * 2 ** (scheme.max_zoom - z)),
+        tileSize: scheme.tile_px, minZoom: Math.min(scheme.min_zoom, scheme.max_zoom), extent: this.extentOf(layer),
+      }),
+      interpolate: true, wrapX: this.georeferenced,
+    });
+  }
+
+  tell() {
+    const m = this.mission;
+    document.title = `${m.name} - photomap`;
+    $("name").textContent = m.name;
+    $("note").textContent = m.note;
+    $("note").hidden = !m.note;
+    $("accuracy").replaceChildren(...m.accuracy_words.filter(w => w !== m.note).map(w => {
+      const item = document.createElement("li");
+      item.textContent = w;
+      return item;
+    }));
+    $("warnings").textContent = m.warnings.join("\n");
+  }
+
+  makeRasters() {
+    for (const raster of this.rasters.values()) this.map.removeLayer(raster);
+    const shown = new Map([...this.rasters].map(([id, r]) => [id, { visible: r.wanted, opacity: r.getOpacity() }]));
+    this.rasters.clear();
+    const order = { map: 1, layer: 2, before: 3 };
+    const rows = this.mission.layers.map(layer => {
+      const raster = new ol.layer.Tile({ source: this.sourceOf(layer), zIndex: order[layer.role] });
+      const old = shown.get(layer.id);
+      raster.document = layer;
+      raster.wanted = old?.visible ?? layer.role !== "layer";
+      raster.setOpacity(old?.opacity ?? 1);
+      this.rasters.set(layer.id, raster);
+      this.map.addLayer(raster);
+      if (layer.role === "before") this.swipe(raster);
+      return this.row(raster);
+    });
+    $("layers").replaceChildren(...rows);
+    this.showPiece();
+    $("swipe").hidden = ![...this.rasters.values()].some(r => r.document.role === "before" && r.wanted);
+  }
+
+  row(raster) {
+    const row = document.createElement("div"), label = document.createElement("label");
+    const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: raster.wanted });
+    box.id = `show-${raster.document.id}`;
+    label.append(box, ` ${raster.document.title}`);
+    const opacity = Object.assign(document.createElement("input"), {
+      type: "range", min: 0, max: 1, step: 0.05, value: raster.getOpacity(), ariaLabel: `Opacity of ${raster.document.title}`,
+    });
+    opacity.hidden = !raster.wanted;
+    opacity.addEventListener("input", () => raster.setOpacity(Number(opacity.value)));
+    raster.row = row;
+    row.append(label);
+    const legend = this.legend(raster.document.legend);
+    if (legend) { row.append(legend); legend.hidden = !raster.wanted; }
+    row.append(opacity);
+    box.addEventListener("change", () => {
+      raster.wanted = box.checked;
+      opacity.hidden = !box.checked;
+      if (legend) legend.hidden = !box.checked;
+      if (raster.document.role === "before") $("swipe").hidden = !box.checked;
+      this.showPiece();
+    });
+    return row;
+  }
+
+  legend(words) {
+    if (!words) return null;
+    const legend = document.createElement("div"), bar = document.createElement("i");
+    legend.className = "legend";
+    bar.style.background = `linear-gradient(to right, ${words.colours.join(",")})`;
+    legend.append(...[words.low, bar, words.high].map(v => (v === bar ? bar : valueWords(v, words.units, 3))));
+    return legend;
+  }
+
+  showPiece() {
+    const { piece } = this.state;
+    for (const r of this.rasters.values()) {
+      const here = piece === null || r.document.piece === null || r.document.piece === piece;
+      r.setVisible(r.wanted && here);
+      r.row.hidden = !here;
+    }
+    for (const l of [this.frames, this.track]) l.changed();
+    const maps = this.mission.layers.filter(l => l.role === "map");
+    $("pieces").hidden = piece === null || maps.length < 2;
+    if (!$("piece").options.length)
+      maps.forEach(l => $("piece").add(new Option(l.title, l.piece)));
+  }
+
+  /** The older picture lies on top, left of the handle only. */
+  swipe(raster) {
+    const handle = $("swipe");
+    raster.on("prerender", e => {
+      const x = this.share * this.map.getSize()[0], [, height] = this.map.getSize();
+      const corners = [[0, 0], [x, 0], [x, height], [0, height]].map(c => ol.render.getRenderPixel(e, c));
+      e.context.save();
+      e.context.beginPath();
+      corners.forEach(([px, py], i) => (i ? e.context.lineTo(px, py) : e.context.moveTo(px, py)));
+      e.context.closePath();
+      e.context.clip();
+    });
+    raster.on("postrender", e => e.context.restore());
+    if (this.share !== undefined) return;
+    const set = share => {
+      this.share = Math.max(0, Math.min(1, share));
+      handle.style.left = `${this.share * 100}%`;
+      handle.setAttribute("aria-valuenow", Math.round(this.share * 100));
+      this.map.render();
+    };
+    handle.addEventListener("pointerdown", e => handle.setPointerCapture(e.pointerId));
+    handle.addEventListener("pointermove", e => {
+      if (handle.hasPointerCapture(e.pointerId)) set(e.clientX / innerWidth);
+    });
+    handle.addEventListener("keydown", e => {
+      const step = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
+      if (step) { set(this.share + step); e.preventDefault(); }
+    });
+    set(0.5);
+  }
+
+  async loadOverlays() {
+    const { links } = this.mission;
+    const [frames, , finds] = await Promise.all([
+      this.frames.load(links.frames), this.track.load(links.track), this.finds.load(links.finds)]);
+    const { state } = this, wasLast = state.moment >= state.last;
+    this.byOrder = frames.sort((a, b) => a.get("order") - b.get("order"));
+    state.orders = new Map(frames.map(f => [f.get("frame"), f.get("order")]));
+    state.last = Math.max(0, frames.length - 1);
+    state.picked = null;
+    $("moment").max = state.last;
+    $("time").hidden = frames.length < 2;
+    this.setMoment(wasLast ? state.last : Math.min(state.moment, state.last));
+    $("finds-row").hidden = !finds.length;
+    $("finds-count").textContent = `(${finds.length})`;
+  }
+
+  setMoment(order) {
+    this.state.moment = order;
+    $("moment").value = order;
+    const frame = this.byOrder[order];
+    $("moment-words").textContent = frame
+      ? `Frame ${order + 1} of ${this.byOrder.length}: ${frame.get("name")}, ${timeWords(frame.get("time_utc"))}${frame.getGeometry() ? "" : `, ${frame.get("status")}`}` : "";
+    $("moment").setAttribute("aria-valuetext", $("moment-words").textContent);
+    this.frames.changed();
+    this.track.changed();
+  }
+
+  fit() {
+    const first = this.mission.layers.find(l => this.state.piece === null || l.piece === this.state.piece);
+    const phone = innerWidth <= 760;
+    this.map.getView().fit(this.extentOf(first ?? this.mission.layers[0]), {
+      padding: [$("title").offsetHeight + 20, phone ? 10 : 270, phone ? 170 : 80, phone ? 10 : 20],
+    });
+  }
+
+  listen() {
+    this.map.on("pointermove", e => { if (!e.dragging) this.say(e.coordinate); });
+    this.map.on("moveend", () => this.scale());
+    this.map.on("singleclick", e => { if (!this.measuring.draw) this.pick(e); });
+    $("show-track").addEventListener("change", e => this.track.setVisible(e.target.checked));
+    $("show-finds").addEventListener("change", e => this.finds.setVisible(e.target.checked));
+    $("show-frames").addEventListener("change", e => this.footprints(e.target.checked));
+    $("moment").addEventListener("input", e => {
+      if (!this.touched) { this.touched = true; this.footprints(true); }
+      this.setMoment(Number(e.target.value));
+    });
+    $("piece").addEventListener("change", e => {
+      this.state.piece = Number(e.target.value);
+      this.showPiece();
+      this.fit();
+    });
+    $("fit").addEventListener("click", () => this.fit());
+    $("menu").addEventListener("click", () => this.menu(!$("side").classList.contains("open")));
+    const tools = { length: "LineString", area: "Polygon" };
+    const use = tool => {
+      for (const id of Object.keys(tools)) $(id).setAttribute("aria-pressed", id === tool);
+      this.measuring.use(tool ? tools[tool] : null);
+      if (tool) $("measured").textContent = tool === "length" ? "Tap points; twice on the last ends" : "Tap corners; twice on the last ends";
+    };
+    for (const id of Object.keys(tools))
+      $(id).addEventListener("click", () => {
+        this.measuring.clear();
+        use($(id).getAttribute("aria-pressed") === "true" ? null : id);
+        this.menu(false);
+      });
+    $("clear").addEventListener("click", () => { use(null); this.measuring.clear(); $("picked").textContent = ""; this.mark(null); });
+    addEventListener("keydown", e => { if (e.key === "Escape") $("clear").click(); });
+  }
+
+  menu(open) {
+    $("side").classList.toggle("open", open);
+    $("menu").setAttribute("aria-expanded", open);
+    $("menu").textContent = open ? "Close" : "Layers";
+  }
+
+  footprints(on) {
+    this.state.footprints = $("show-frames").checked = on;
+    this.frames.changed();
+  }
+
+  mark(feature) {
+    this.state.picked = feature;
+    this.frames.changed();
+  }
+
+  say(coordinate) {
+    if (!this.georeferenced) {
+      $("coordinates").textContent = `${coordinate[0].toFixed(1)}, ${coordinate[1].toFixed(1)} (x right, y up; pixels of the first frame)`;
+      return;
+    }
+    const [lon, lat] = ol.proj.toLonLat(coordinate);
+    $("coordinates").textContent = placeWords(lon, lat);
+  }
+
+  /** A round length, measured on the ellipsoid in the middle of the window. */
+  scale() {
+    const [x, y] = this.map.getView().getCenter(), side = 50 * this.map.getView().getResolution();
+    const ends = [[x - side, y], [x + side, y]];
+    const per100 = this.georeferenced ? lengthM(ends.map(c => ol.proj.toLonLat(c))) : 2 * side;
+    const power = 10 ** Math.floor(Math.log10(per100)), round = [5, 2, 1].find(k => k * power <= per100) * power;
+    const unit = this.georeferenced ? "m" : "px";
+    $("scale-words").textContent = unit === "m" && round >= 1000 ? `${round / 1000} km`
+      : unit === "m" && round < 1 ? `${Math.round(round * 100)} cm` : `${round} ${unit}`;
+    $("scale").lastElementChild.style.width = `${100 * round / per100}px`;
+  }
+
+  async pick(event) {
+    this.say(event.coordinate);
+    const lines = [];
+    const find = this.map.forEachFeatureAtPixel(event.pixel, f => f, { layerFilter: l => l === this.finds, hitTolerance: 6 });
+    if (find) {
+      const { geometry, ...rest } = find.getProperties();
+      lines.push("Find", ...Object.entries(rest).filter(([, v]) => v !== null && typeof v !== "object").map(([k, v]) => `${k}: ${v}`));
+    }
+    const frame = this.nearestFrame(event.coordinate);
+    this.mark(frame);
+    if (frame) {
+      const p = frame.getProperties();
+      lines.push(`Seen best by ${p.name}`, timeWords(p.time_utc));
+      if (p.sigma !== null && this.georeferenced) lines.push(`position ± ${p.sigma.toFixed(2)} m (1 sigma, predicted)`);
+    }
+    lines.push(...await this.values(event.coordinate));
+    $("picked").textContent = lines.filter(Boolean).join("\n");
+  }
+
+  /** Of the frames up to the moment that saw a place, the one whose centre is nearest. */
+  nearestFrame(coordinate) {
+    const seen = this.frames.getSource().getFeaturesAtCoordinate(coordinate)
+      .filter(f => f.get("order") <= this.state.moment && this.state.inPiece(f));
+    const away = f => {
+      const c = ol.extent.getCenter(f.getGeometry().getExtent());
+      return Math.hypot(c[0] - coordinate[0], c[1] - coordinate[1]);
+    };
+    return seen.sort((a, b) => away(a) - away(b))[0] ?? null;
+  }
+
+  async values(coordinate) {
+    const [x, y] = this.georeferenced ? ol.proj.toLonLat(coordinate) : coordinate;
+    const asked = [...this.rasters.values()].filter(r => r.getVisible() && r.document.legend);
+    return Promise.all(asked.map(async r => {
+      const id = encodeURIComponent(r.document.id);
+      const answer = await get(`missions/${this.mission.id}/layers/${id}/value?x=${x}&y=${y}`);
+      return answer.value === null ? "" : `${r.document.title}: ${valueWords(answer.value, answer.units, 5)}`;
+    }));
+  }
+
+  async refresh() {
+    this.mission = await get(`missions/${this.mission.id}`);
+    if (this.mission.georeferenced !== this.georeferenced) return location.reload();
+    this.tell();
+    this.makeRasters();
+    await this.loadOverlays();
+  }
+}
+
+async function start() {
+  const { missions } = await get("missions");
+  const page = new Page(missions[0]);
+  await page.loadOverlays();
+  const events = new EventSource("events");
+  events.addEventListener("mission", e => {
+    const { mission, epoch } = JSON.parse(e.data);
+    if (mission === page.mission.id && epoch !== page.mission.epoch) page.refresh().catch(fail);
+  });
+  window.photomap = page;  // for tests and for the curious
+  document.body.dataset.ready = "yes";
+}
+
+function fail(error) {
+  $("note").textContent = `This map cannot be shown: ${error.message}`;
+  $("note").hidden = false;
+}
+
+start().catch(fail);
