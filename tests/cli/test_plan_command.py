@@ -1,5 +1,6 @@
 """``photomap plan`` as a script or a person in a hurry uses it."""
 
+import contextlib
 import json
 
 import pytest
@@ -42,6 +43,15 @@ def test_words_on_stderr_files_on_stdout(tmp_path, capsys):
         (["plan", FIELD, "--json", "--gsd", "2cm", "--height", "50"], 2, "one of"),
         (["plan", FIELD, "--json", "--target", "ufo"], 2, "0.4x0.3"),
         (["plan", FIELD, "--json", "--camera", "no such"], 2, "no such"),
+        (["plan", FIELD, "--json", "--focal-mm", "8.8"], 2, "--sensor-width-mm"),
+        (["plan", FIELD, "--json", "--sensor-width-mm", "13.2"], 2, "--focal-mm"),
+        (["plan", FIELD, "--json", "--fov-deg", "73.7", "--focal-35mm", "50"], 2, "contradict"),
+        (["plan", FIELD, "--json", "--focal-mm", "880", "--sensor-width-mm", "13.2"], 2, "check the millimetres"),
+        (["plan", FIELD, "--json", "--focal-mm", "8.8", "--sensor-width-mm", "13.2", "--image-width", "5472"], 2,
+         "--image-height"),
+        (["plan", FIELD, "--json", "--camera", "FC6310", "--image-width", "4000"], 2, "5472 x 3648"),
+        (["plan", FIELD, "--json", "--heading", "north"], 2, "degrees clockwise"),
+        (["plan", FIELD, "--json", "--heading", "nan"], 2, "degrees clockwise"),
         (["plan", FIELD, "--json", "--wind", "x"], 2, "SPEED,FROM_DEG"),
         (["plan", "47,8;47.01,8.01", "--json", "--height", "50"], 3, "--corridor-width"),
         (["plan", FIELD, "--json", "--height", "50", "--home", "47.001,8.002", "--avoid",
@@ -77,3 +87,38 @@ def test_southern_and_western_places_are_no_options(tmp_path, capsys):
     assert main(["plan", area, "--camera", "FC6310", "--gsd", "3cm", "--home", "-35.363,-70.166", "-o", str(out)]) == 0
     assert out.is_file()
     assert main(["plan", area, "-3", "-o", str(out)]) == 2
+
+
+def test_altitudes_are_written_to_the_centimetre_and_the_nose_where_it_was_asked(tmp_path):
+    files = {suffix: tmp_path / f"field.{suffix}" for suffix in ("plan", "waypoints", "kml", "csv", "geojson", "json")}
+    for suffix, path in files.items():
+        where = ["-o", str(path)] if suffix != "json" else ["--json"]
+        with path.open("w") as out, contextlib.redirect_stdout(out) if suffix == "json" else contextlib.nullcontext():
+            assert main(["plan", FIELD, "--gsd", "3cm", "--heading", "45", "--transit-height", "123.456789",
+                         *where, "-q"]) == 0  # fmt: skip
+    plan = json.loads(files["json"].read_text())
+    altitudes = {w[2] for w in plan["waypoints"]}
+    assert 123.46 in altitudes
+    assert all(round(a, 2) == a for a in altitudes)
+    items = [i for i in json.loads(files["plan"].read_text())["mission"]["items"] if i.get("command") in (16, 22)]
+    assert {round(i["params"][6], 2) for i in items} == {i["params"][6] for i in items} == altitudes
+    for suffix in ("kml", "csv", "geojson", "waypoints"):
+        text = files[suffix].read_text()
+        assert "123.46" in text
+        assert "123.456" not in text
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        ["--focal-mm", "8.8", "--sensor-width-mm", "13.2"],
+        ["--fov-deg", "73.7398"],
+        ["--focal-35mm", "24"],
+        ["--focal-mm", "8.8", "--sensor-width-mm", "13.2", "--focal-35mm", "24"],
+    ],
+)
+def test_a_camera_by_numbers_is_the_camera_they_mean(capsys, numbers):
+    size = ["--image-width", "5472", "--image-height", "3648"]
+    assert main(["plan", FIELD, "--gsd", "2cm", *numbers, *size, "--json", "-q"]) == 0
+    camera = json.loads(capsys.readouterr().out)["camera"]
+    assert camera["focal_px"] == pytest.approx(3648.0, rel=0.002)
