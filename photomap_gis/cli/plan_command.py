@@ -83,6 +83,9 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.option("--end", type=click.Choice(["rtl", "land"]), default="rtl", show_default=True, help="How a sortie ends.")
 @click.option("--endurance-min", type=FiniteRange(0.5, 10_000), metavar="MIN",
               help="What one battery flies from take-off to landing: several sorties if needed.")
+@click.option("--battery-wh", type=FiniteRange(0.1, 1e6), metavar="WH",
+              help="What one battery holds, with --power-w: energy and share of it in the report.")
+@click.option("--power-w", type=FiniteRange(0.1, 1e6), metavar="W", help="What the vehicle draws on average.")
 @click.option("--cross-track", type=FiniteRange(0, 999), default=2.0, show_default=True, metavar="M",
               help="Tolerance of the proof: off the lane.")
 @click.option("--heading-tolerance", type=FiniteRange(0, 44), default=5.0, show_default=True, metavar="DEG",
@@ -117,6 +120,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     from photomap_gis.mission_planner.places import read_places
     from photomap_gis.mission_planner.survey import plan_survey
     from photomap_gis.pipeline.plan import gaps_of, survey_facts
+    from photomap_gis.pipeline.plan_energy import Battery, add_energy
     from photomap_gis.pipeline.plan_report import terrain_facts
     from photomap_gis.pipeline.search import over_terrain
 
@@ -130,10 +134,12 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
         from photomap_gis.mission_planner.files import plan_format
 
         plan_format(output, chosen["file_format"])
+    battery = Battery.of(chosen["battery_wh"], chosen["power_w"])
     settings, assumed = _settings(chosen)
     if chosen["pattern"] is not None:
         plan, facts = plan_by_pattern(area, chosen, settings, context)
         facts["warnings"] = [*assumed, *facts["warnings"]]
+        add_energy(facts, battery, settings.endurance_s)
         facts["warnings"] += _storage(plan, chosen)
         _tell(_write(output, plan, chosen), facts, as_json, say_pattern)
         return
@@ -151,7 +157,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
             corridor_width_m=chosen["corridor_width"],
         )
         survey = plan_survey(asked, settings, on_progress=bars)
-    facts = survey_facts(survey, settings.optics, settings.height_m, settings.endurance_s)
+    facts = survey_facts(survey, settings.optics, settings.height_m)
     plan = survey.plan
     terrain = terrain_request(chosen, settings.height_m)
     if terrain is not None:
@@ -160,6 +166,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
         plan, report = over_terrain(plan, terrain)
         facts |= plan_facts(plan) | terrain_facts(report, gsd, settings.height_m)
     facts["warnings"] = [*assumed, *facts["warnings"]]
+    add_energy(facts, battery, settings.endurance_s)
     longest = max((s.duration_s for s in plan.sorties), default=0.0)
     if settings.endurance_s is None and longest > 1500.0:
         facts["warnings"].append(f"one flight of {longest / 60:.0f} min: --endurance-min splits it by batteries")
@@ -345,7 +352,8 @@ def _say(facts: dict[str, Any]) -> None:
         f"{facts['length_m'] / 1000:.2f} km, {facts['duration_s'] / 60:.1f} min, {facts['photos']} photos at "
         f"{100 * facts['gsd_m_per_px']:.2f} cm/px from {facts['height_m']:.1f} m\n"
         f"{100 * facts['covered_share']:.3f} % of {facts['area_m2'] / 1e4:.2f} ha is sure to be seen at the "
-        f"tolerances; overlaps {front:.0f} / {side:.0f} %",
+        f"tolerances; overlaps {front:.0f} / {side:.0f} %"
+        + ("" if facts["energy_wh"] is None else f"; {facts['energy_wh']:.0f} Wh"),
         err=True,
     )
     for warning in facts["warnings"]:

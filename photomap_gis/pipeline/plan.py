@@ -77,12 +77,9 @@ def target_size_m(text: str) -> float:
     return min(sides)
 
 
-def survey_facts(survey: Survey, optics: Optics, height_m: float, endurance_s: float | None) -> dict[str, Any]:
+def survey_facts(survey: Survey, optics: Optics, height_m: float) -> dict[str, Any]:
     """Return the plan as the document that scripts read, with what a survey has besides."""
-    facts = plan_facts(survey.plan)
-    for sortie, flown in zip(facts["sorties"], survey.plan.sorties, strict=True):
-        sortie["battery_share"] = round(flown.duration_s / endurance_s, 3) if endurance_s else None
-    return facts | {
+    return plan_facts(survey.plan) | {
         "camera": asdict(optics),
         "height_m": round(height_m, 2),
         "photo_spacing_m": survey.spacing.step_m,

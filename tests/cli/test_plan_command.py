@@ -50,6 +50,7 @@ def test_words_on_stderr_files_on_stdout(tmp_path, capsys):
         (["plan", FIELD, "--json", "--focal-mm", "8.8", "--sensor-width-mm", "13.2", "--image-width", "5472"], 2,
          "--image-height"),
         (["plan", FIELD, "--json", "--camera", "FC6310", "--image-width", "4000"], 2, "5472 x 3648"),
+        (["plan", FIELD, "--json", "--battery-wh", "90"], 2, "--power-w"),
         (["plan", FIELD, "--json", "--heading", "north"], 2, "degrees clockwise"),
         (["plan", FIELD, "--json", "--heading", "nan"], 2, "degrees clockwise"),
         (["plan", FIELD, "--json", "--wind", "x"], 2, "SPEED,FROM_DEG"),
@@ -122,3 +123,17 @@ def test_a_camera_by_numbers_is_the_camera_they_mean(capsys, numbers):
     assert main(["plan", FIELD, "--gsd", "2cm", *numbers, *size, "--json", "-q"]) == 0
     camera = json.loads(capsys.readouterr().out)["camera"]
     assert camera["focal_px"] == pytest.approx(3648.0, rel=0.002)
+
+
+@pytest.mark.parametrize("pattern", [[], ["--pattern", "parallel"]])
+def test_energy_is_power_times_time_and_a_share_of_the_battery(capsys, pattern):
+    command = ["plan", FIELD, "--height", "60", *pattern, "--json", "-q"]
+    assert main([*command, "--battery-wh", "20", "--power-w", "360"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert plan["energy_wh"] == pytest.approx(plan["duration_s"] / 10, abs=0.1)
+    assert plan["sorties"][0]["battery_share"] == pytest.approx(plan["duration_s"] / 200, abs=0.001)
+    assert any("of the battery" in w for w in plan["warnings"])
+    assert main([*command, "--endurance-min", "30"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert plan["energy_wh"] is None
+    assert sum(s["battery_share"] for s in plan["sorties"]) == pytest.approx(plan["duration_s"] / 1800, abs=0.002)
