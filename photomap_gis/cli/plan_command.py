@@ -122,7 +122,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     from photomap_gis.pipeline.plan import gaps_of, survey_facts
     from photomap_gis.pipeline.plan_energy import Battery, add_energy
     from photomap_gis.pipeline.plan_report import terrain_facts
-    from photomap_gis.pipeline.search import over_terrain
+    from photomap_gis.pipeline.plan_terrain import ground_facts, survey_over_terrain
 
     context = click.get_current_context()
     check_options(context, chosen["pattern"])
@@ -156,15 +156,15 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
             line=_line(area, places) if chosen["corridor_width"] else (),
             corridor_width_m=chosen["corridor_width"],
         )
-        survey = plan_survey(asked, settings, on_progress=bars)
-    facts = survey_facts(survey, settings.optics, settings.height_m)
+        terrain = terrain_request(chosen, settings.height_m)
+        report = proof = None
+        if terrain is None:
+            survey = plan_survey(asked, settings, on_progress=bars)
+        else:
+            survey, report, proof = survey_over_terrain(asked, settings, terrain, bars)
     plan = survey.plan
-    terrain = terrain_request(chosen, settings.height_m)
-    if terrain is not None:
-        from photomap_gis.pipeline.plan_report import plan_facts
-
-        plan, report = over_terrain(plan, terrain)
-        facts |= plan_facts(plan) | terrain_facts(report, gsd, settings.height_m)
+    facts = survey_facts(survey, settings.optics, settings.height_m)
+    facts |= terrain_facts(report, gsd, settings.height_m) | ground_facts(proof, settings.optics)
     facts["warnings"] = [*assumed, *facts["warnings"]]
     add_energy(facts, battery, settings.endurance_s)
     longest = max((s.duration_s for s in plan.sorties), default=0.0)

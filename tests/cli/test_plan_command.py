@@ -3,7 +3,10 @@
 import contextlib
 import json
 
+import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import from_origin
 
 from photomap_gis.cli import main
 
@@ -137,3 +140,25 @@ def test_energy_is_power_times_time_and_a_share_of_the_battery(capsys, pattern):
     plan = json.loads(capsys.readouterr().out)
     assert plan["energy_wh"] is None
     assert sum(s["battery_share"] for s in plan["sorties"]) == pytest.approx(plan["duration_s"] / 1800, abs=0.002)
+
+
+def test_over_a_slope_the_proof_is_over_the_slope(tmp_path, capsys):
+    x = np.arange(800)
+    heights = (400.0 + 40.0 * np.sin(x / 60.0)[None, :] * np.ones((800, 1))).astype("float32")
+    dem = tmp_path / "dem.tif"
+    corner = from_origin(7.998, 47.005, 1e-5, 1e-5)
+    with rasterio.open(dem, "w", driver="GTiff", width=800, height=800, count=1, dtype="float32", crs="EPSG:4326",
+                       transform=corner) as raster:  # fmt: skip
+        raster.write(heights, 1)
+    command = ["plan", FIELD, "--height", "60", "--json", "-q", "--picture", str(tmp_path / "p.png")]
+    assert main([*command, "--dem", str(dem), "--dem-vertical", "msl"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert plan["covered_share"] > 0.999
+    low, high = plan["gsd_range_m_per_px"]
+    assert low < 0.95 * plan["gsd_m_per_px"] < high
+    assert plan["overlap_over_terrain"]["side"] < 0.64
+    assert any("overlaps sink to" in w for w in plan["warnings"])
+    assert main(command) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert "gsd_range_m_per_px" not in plan
+    assert any("flat ground" in w for w in plan["warnings"])
