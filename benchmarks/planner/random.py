@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -37,6 +38,7 @@ _PLACES = ((47.0, 8.0), (0.0, 179.9995), (89.995, 10.0), (-89.99, 0.0), (-60.0, 
 _CELLS = 50
 _AGAIN = 10
 """Every so many areas are planned twice."""
+_SAY_EVERY = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +216,10 @@ def measure(count: int, seed: int = SEED, first: int = 0) -> dict[str, object]:
         for words in wrong:
             kinds[words.split(":")[0]] += 1
             told.append(f"area {asked.number}: {words}")
+        done = asked.number - first + 1
+        if done % _SAY_EVERY == 0:
+            left_s = (time.perf_counter() - began) / done * (count - done)
+            print(f"{done} of {count} areas, {len(told)} faults, {left_s:.0f} s left", file=sys.stderr)
     return {
         "areas": count,
         "seed": seed,
