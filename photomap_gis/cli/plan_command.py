@@ -42,8 +42,13 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.option("--inset", is_flag=True, help="Never leave the polygon; then what can be seen from inside is covered.")
 @click.option("--camera", metavar="NAME|PHOTO", help="A known camera, as FC6310 or 'Mavic 3E', or a photo it took.")
 @click.option("--fov-deg", type=FiniteRange(1, 160), metavar="DEG", help="Horizontal field of view.")
-@click.option("--image-width", type=click.IntRange(1, 100_000), metavar="PX", help="Raster, with --fov-deg.")
-@click.option("--image-height", type=click.IntRange(1, 100_000), metavar="PX", help="Raster, with --fov-deg.")
+@click.option("--focal-mm", type=FiniteRange(0.1, 5000), metavar="MM", help="Focal length, with --sensor-width-mm.")
+@click.option("--sensor-width-mm", type=FiniteRange(0.5, 500), metavar="MM", help="Of the sensor, with --focal-mm.")
+@click.option("--focal-35mm", type=FiniteRange(1, 5000), metavar="MM", help="35 mm equivalent of the focal length.")
+@click.option("--image-width", type=click.IntRange(1, 100_000), metavar="PX",
+              help="Of pictures, with --fov-deg or a focal length.")
+@click.option("--image-height", type=click.IntRange(1, 100_000), metavar="PX",
+              help="Of pictures, with --fov-deg or a focal length.")
 @click.option("--gsd", metavar="M", help="Ground sampling distance in metres a pixel: 0.02, or 2cm.")
 @click.option("--height", type=FiniteRange(1, 10_000), metavar="M", help="Height above ground, instead of --gsd.")
 @click.option("--target", metavar="WHAT",
@@ -60,8 +65,8 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.option("--trigger", type=click.Choice(["distance", "time", "hover"]), default="distance", show_default=True,
               help="How pictures are taken.")
 @click.option("--trigger-in-turns", is_flag=True, help="Leave the camera on between lanes.")
-@click.option("--heading", type=click.Choice(["path", "fixed"]), default="path", show_default=True,
-              help="The nose along the path, or along the first lane all the time.")
+@click.option("--heading", default="path", show_default=True, metavar="path|fixed|DEG",
+              help="The nose along the path; along the first lane all the time; or at DEG from north all the time.")
 @click.option("--speed", type=FiniteRange(0.1, 100), default=10.0, show_default=True, metavar="M/S",
               help="Through the air.")
 @click.option("--accel", type=FiniteRange(0.1, 30), default=2.5, show_default=True, metavar="M/S2",
@@ -78,6 +83,9 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @click.option("--end", type=click.Choice(["rtl", "land"]), default="rtl", show_default=True, help="How a sortie ends.")
 @click.option("--endurance-min", type=FiniteRange(0.5, 10_000), metavar="MIN",
               help="What one battery flies from take-off to landing: several sorties if needed.")
+@click.option("--battery-wh", type=FiniteRange(0.1, 1e6), metavar="WH",
+              help="What one battery holds, with --power-w: energy and share of it in the report.")
+@click.option("--power-w", type=FiniteRange(0.1, 1e6), metavar="W", help="What the vehicle draws on average.")
 @click.option("--cross-track", type=FiniteRange(0, 999), default=2.0, show_default=True, metavar="M",
               help="Tolerance of the proof: off the lane.")
 @click.option("--heading-tolerance", type=FiniteRange(0, 44), default=5.0, show_default=True, metavar="DEG",
@@ -112,8 +120,9 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     from photomap_gis.mission_planner.places import read_places
     from photomap_gis.mission_planner.survey import plan_survey
     from photomap_gis.pipeline.plan import gaps_of, survey_facts
+    from photomap_gis.pipeline.plan_energy import Battery, add_energy
     from photomap_gis.pipeline.plan_report import terrain_facts
-    from photomap_gis.pipeline.search import over_terrain
+    from photomap_gis.pipeline.plan_terrain import ground_facts, survey_over_terrain
 
     context = click.get_current_context()
     check_options(context, chosen["pattern"])
@@ -125,10 +134,12 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
         from photomap_gis.mission_planner.files import plan_format
 
         plan_format(output, chosen["file_format"])
+    battery = Battery.of(chosen["battery_wh"], chosen["power_w"])
     settings, assumed = _settings(chosen)
     if chosen["pattern"] is not None:
         plan, facts = plan_by_pattern(area, chosen, settings, context)
         facts["warnings"] = [*assumed, *facts["warnings"]]
+        add_energy(facts, battery, settings.endurance_s)
         facts["warnings"] += _storage(plan, chosen)
         _tell(_write(output, plan, chosen), facts, as_json, say_pattern)
         return
@@ -145,16 +156,17 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
             line=_line(area, places) if chosen["corridor_width"] else (),
             corridor_width_m=chosen["corridor_width"],
         )
-        survey = plan_survey(asked, settings, on_progress=bars)
-    facts = survey_facts(survey, settings.optics, settings.height_m, settings.endurance_s)
+        terrain = terrain_request(chosen, settings.height_m)
+        report = proof = None
+        if terrain is None:
+            survey = plan_survey(asked, settings, on_progress=bars)
+        else:
+            survey, report, proof = survey_over_terrain(asked, settings, terrain, bars)
     plan = survey.plan
-    terrain = terrain_request(chosen, settings.height_m)
-    if terrain is not None:
-        from photomap_gis.pipeline.plan_report import plan_facts
-
-        plan, report = over_terrain(plan, terrain)
-        facts |= plan_facts(plan) | terrain_facts(report, gsd, settings.height_m)
+    facts = survey_facts(survey, settings.optics, settings.height_m)
+    facts |= terrain_facts(report, gsd, settings.height_m) | ground_facts(proof, settings.optics)
     facts["warnings"] = [*assumed, *facts["warnings"]]
+    add_energy(facts, battery, settings.endurance_s)
     longest = max((s.duration_s for s in plan.sorties), default=0.0)
     if settings.endurance_s is None and longest > 1500.0:
         facts["warnings"].append(f"one flight of {longest / 60:.0f} min: --endurance-min splits it by batteries")
@@ -192,16 +204,24 @@ def _settings(chosen: dict[str, Any]) -> tuple[Any, list[str]]:
     from photomap_gis.mission_planner.optics import Tolerances
     from photomap_gis.mission_planner.survey import SurveySettings
     from photomap_gis.pipeline.plan import planned_camera, planned_height_m
+    from photomap_gis.pipeline.plan_camera import LensNumbers
 
     assumed = []
-    camera, fov, width, rows = (chosen[k] for k in ("camera", "fov_deg", "image_width", "image_height"))
-    if camera is None and (fov is None or width is None or rows is None):
+    camera, width, rows = (chosen[k] for k in ("camera", "image_width", "image_height"))
+    lens = LensNumbers(*(chosen[k] for k in ("fov_deg", "focal_mm", "sensor_width_mm", "focal_35mm")))
+    if camera is None and (lens == LensNumbers() or width is None or rows is None):
         if width is not None or rows is not None:
-            raise UsageError("a camera by numbers needs --fov-deg, --image-width and --image-height")
+            raise UsageError(
+                "a camera by numbers needs --image-width, --image-height and one of --fov-deg, --focal-35mm, or "
+                "--focal-mm with --sensor-width-mm"
+            )
         width, rows, usual = _DEFAULT_RASTER
-        fov = usual if fov is None else fov
-        assumed.append(f"no --camera was given: {width} x {rows} pixels and {fov:g} degrees are assumed")
-    optics = planned_camera(camera, fov_deg=fov, width_px=width, height_px=rows)
+        said = f"{width} x {rows} pixels"
+        if lens == LensNumbers():
+            lens = LensNumbers(fov_deg=usual)
+            said += f" and {usual:g} degrees"
+        assumed.append(f"no --camera was given: {said} are assumed")
+    optics = planned_camera(camera, lens, width_px=width, height_px=rows)
     asked = {"height_m": chosen["height"], "target": chosen["target"],
              "gsd_m": None if chosen["gsd"] is None else _metres("--gsd", chosen["gsd"])}  # fmt: skip
     if all(v is None for v in asked.values()):
@@ -238,7 +258,8 @@ def _settings(chosen: dict[str, Any]) -> tuple[Any, list[str]]:
         lead_in_m=chosen["lead_in"],
         trigger=chosen["trigger"],
         trigger_in_turns=chosen["trigger_in_turns"],
-        fixed_heading=chosen["heading"] == "fixed",
+        fixed_heading=chosen["heading"] != "path",
+        nose_deg=_nose(chosen["heading"]),
         transit_height_m=chosen["transit_height"],
         endurance_s=None if endurance is None else 60.0 * endurance,
         home=None if chosen["home"] is None else lat_lon(chosen["home"], "--home"),
@@ -248,6 +269,19 @@ def _settings(chosen: dict[str, Any]) -> tuple[Any, list[str]]:
         least_interval_s=chosen["min_interval"],
     )
     return settings, assumed
+
+
+def _nose(text: str) -> float | None:
+    """Where the nose points all the time; None along the path, or along the first lane."""
+    if text in ("path", "fixed"):
+        return None
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not -360.0 <= degrees <= 360.0:
+        raise UsageError(f"--heading {text}: path, fixed, or degrees clockwise from north as 45")
+    return degrees % 360.0
 
 
 def _metres(option: str, text: str) -> float:
@@ -318,7 +352,8 @@ def _say(facts: dict[str, Any]) -> None:
         f"{facts['length_m'] / 1000:.2f} km, {facts['duration_s'] / 60:.1f} min, {facts['photos']} photos at "
         f"{100 * facts['gsd_m_per_px']:.2f} cm/px from {facts['height_m']:.1f} m\n"
         f"{100 * facts['covered_share']:.3f} % of {facts['area_m2'] / 1e4:.2f} ha is sure to be seen at the "
-        f"tolerances; overlaps {front:.0f} / {side:.0f} %",
+        f"tolerances; overlaps {front:.0f} / {side:.0f} %"
+        + ("" if facts["energy_wh"] is None else f"; {facts['energy_wh']:.0f} Wh"),
         err=True,
     )
     for warning in facts["warnings"]:

@@ -169,7 +169,7 @@ def rally_points(texts: tuple[str, ...]) -> tuple[RallyPoint, ...]:
     for text in texts:
         numbers = _numbers(text, 3, "--rally LAT,LON,M")
         lat, lon = lat_lon(",".join(text.split(",")[:2]), "--rally")
-        found.append(RallyPoint(lat, lon, numbers[2]))
+        found.append(RallyPoint(lat, lon, round(numbers[2], 2)))
     return tuple(found)
 
 

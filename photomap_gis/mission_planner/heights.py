@@ -12,7 +12,7 @@ def amsl_m(plan: SurveyPlan, waypoint: Waypoint) -> float | None:
     over_home = above_home_m(plan, waypoint)
     if over_home is None or plan.home_alt_amsl_m is None:
         return None
-    return plan.home_alt_amsl_m + over_home
+    return round(plan.home_alt_amsl_m + over_home, 2)
 
 
 def above_home_m(plan: SurveyPlan, waypoint: Waypoint) -> float | None:
@@ -24,7 +24,7 @@ def above_home_m(plan: SurveyPlan, waypoint: Waypoint) -> float | None:
     ):
         return waypoint.alt_m
     if plan.frame is AltitudeFrame.AMSL and plan.home_alt_amsl_m is not None:
-        return waypoint.alt_m - plan.home_alt_amsl_m
+        return round(waypoint.alt_m - plan.home_alt_amsl_m, 2)
     return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,11 +97,19 @@ class SureFootprint:
         return low
 
 
-def sure_footprint(optics: Optics, height_m: float, tolerances: Tolerances, *, crab_deg: float = 0.0) -> SureFootprint:
+def sure_footprint(
+    optics: Optics,
+    height_m: float,
+    tolerances: Tolerances,
+    *,
+    crab_deg: float = 0.0,
+    noses_rad: Sequence[float] = (0.0,),
+) -> SureFootprint:
     """Intersect the footprints of every tilt, turn, height and offset within the tolerances.
 
-    ``crab_deg`` widens the heading's tolerance: a nose held into the wind turns the picture against the track. Raises
-    ``UsageError`` where nothing is left.
+    ``crab_deg`` widens the heading's tolerance: a nose held into the wind turns the picture against the track.
+    ``noses_rad`` are the angles from the track to the nose, clockwise, that must all do: a nose that stays where it is
+    lies across some lanes. Raises ``UsageError`` where nothing is left.
     """
     half_x, half_y = optics.width_px / 2.0 / optics.focal_px, optics.height_px / 2.0 / optics.focal_px
     corners = np.array([[-half_x, -half_y, 1.0], [half_x, -half_y, 1.0], [half_x, half_y, 1.0], [-half_x, half_y, 1.0]])
@@ -114,7 +123,7 @@ def sure_footprint(optics: Optics, height_m: float, tolerances: Tolerances, *, c
         rays = corners @ _tilted(direction, tilt).T
         quads.append(rays[:, :2] / rays[:, 2:])
     low = height_m * (1.0 - tolerances.height_share)
-    turned = [q * low @ _turned(t).T for t in turns for q in quads]
+    turned = [q * low @ _turned(-nose - t).T for nose in noses_rad for t in turns for q in quads]
     sure = Polygon(turned[0])
     for quad in turned[1:]:
         sure = shapely.intersection(sure, Polygon(quad))
@@ -158,9 +167,11 @@ def space(
     front_overlap: float,
     side_overlap: float,
     exact_shots: bool = False,
+    noses_rad: Sequence[float] = (0.0,),
 ) -> Spacing:
     """Return the spacing that keeps the overlaps (shares, 0 to below 1) and leaves no gap within the tolerances.
 
+    ``noses_rad`` as for `sure_footprint`; an overlap is the share of a picture's ground that its neighbour shows too.
     ``exact_shots``: each picture is taken at its place, hovering, so that no guard is needed.
     """
     if not (0.0 <= front_overlap <= 0.97 and 0.0 <= side_overlap <= 0.97):
@@ -168,13 +179,29 @@ def space(
     width, length = optics.footprint_m(height_m)
     snug = _snug_width(sure)
     drift = 1.0 if exact_shots else _DRIFT
-    step = min(length * (1.0 - front_overlap), 2.0 * float(sure.top(snug)) / drift)
+    apart = [shift_for(width, length, nose, front_overlap) for nose in noses_rad]
+    beside = [shift_for(length, width, nose, side_overlap) for nose in noses_rad]
+    step = min(min(apart), 2.0 * float(sure.top(snug)) / drift)
     edge = sure.half_width_at(step * drift)
-    lane = min(width * (1.0 - side_overlap), 2.0 * edge)
+    lane = min(min(beside), 2.0 * edge)
     return Spacing(
         step, lane, edge, min(snug, edge), 0.0 if exact_shots else step * drift,
-        1.0 - step / length, 1.0 - lane / width,
+        min(overlap(width, length, nose, step) for nose in noses_rad),
+        min(overlap(length, width, nose, lane) for nose in noses_rad),
     )  # fmt: skip
+
+
+def overlap(across_m: float, along_m: float, nose_rad: float, shift_m: float) -> float:
+    """Return the share of a rectangle that is left of it in its copy, ``shift_m`` on, off its ``along`` by ``nose``."""
+    one = 1.0 - shift_m * abs(math.sin(nose_rad)) / across_m
+    other = 1.0 - shift_m * abs(math.cos(nose_rad)) / along_m
+    return max(one, 0.0) * max(other, 0.0)
+
+
+def shift_for(across_m: float, along_m: float, nose_rad: float, share: float) -> float:
+    """Return the shift that leaves this ``overlap``: the smaller root of a quadratic."""
+    a, b = abs(math.sin(nose_rad)) / across_m, abs(math.cos(nose_rad)) / along_m
+    return 2.0 * (1.0 - share) / (a + b + math.sqrt(max((a + b) ** 2 - 4.0 * a * b * (1.0 - share), 0.0)))
 
 
 def _snug_width(sure: SureFootprint) -> float:

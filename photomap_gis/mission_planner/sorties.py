@@ -137,10 +137,12 @@ def fly(
     xy = np.array([p.xy for p in points])
     places = frame.to_lat_lon(xy)
     speed = _speeds(points, xy, model)
+    noses = [p.nose_deg if style.nose_deg is None else style.nose_deg for p in points]
+    high, low = round(style.transit_height_m, 2), round(style.height_m, 2)
     waypoints = [
         Waypoint(
-            round(float(lat), 9), round(float(lon), 9), style.transit_height_m if p.high else style.height_m, p.role,
-            p.trigger, speed_m_s=speed[i], heading_deg=p.nose_deg, gimbal_pitch_deg=-90.0 if i == 0 else None,
+            round(float(lat), 9), round(float(lon), 9), high if p.high else low, p.role,
+            p.trigger, speed_m_s=speed[i], heading_deg=noses[i], gimbal_pitch_deg=-90.0 if i == 0 else None,
         )
         for i, (p, (lat, lon)) in enumerate(zip(points, places, strict=True))
     ]  # fmt: skip
@@ -177,7 +179,9 @@ def _speeds(points: Sequence[_Point], xy: FloatArray, model: FlightModel) -> lis
 
 
 def _lane_points(lane: Lane, free: FreeSpace, style: FlightStyle) -> list[_Point]:
-    nose = math.degrees(lane.nose_rad) % 360.0 if lane.nose_rad is not None else style.nose_deg
+    nose = style.nose_deg
+    if nose is None and lane.nose_rad is not None:
+        nose = math.degrees(lane.nose_rad) % 360.0
     if lane.spot:
         return [_Point(lane.xy[0], WaypointRole.SURVEY, trigger=CameraTrigger(hover=True), nose_deg=nose)]
     if style.trigger.hover:

@@ -47,6 +47,8 @@ class SurveySettings:
     trigger: str = "distance"
     trigger_in_turns: bool = False
     fixed_heading: bool = False
+    """The nose stays where it is: at ``nose_deg``, or along the first lane where that is None."""
+    nose_deg: float | None = None
     transit_height_m: float | None = None
     endurance_s: float | None = None
     home: tuple[float, float] | None = None
@@ -83,6 +85,7 @@ def plan_survey(
     spacing = _spaced(s, sure)
     model = _limited(s, spacing)
     lanes, headings, sure, spacing = _all_lanes(area, s, model, free, home, on_progress)
+    model = _limited(s, spacing)
     if len(lanes) > MOST_LANES:
         raise UsageError(f"the survey needs {len(lanes)} lanes: fly higher (--height, --gsd) or plan parts of the area")
     left = uncovered(area.target, lanes, spacing, sure)
@@ -172,8 +175,10 @@ def _given_home(area: SurveyArea, s: SurveySettings, free: FreeSpace, warnings: 
     return home
 
 
-def _spaced(s: SurveySettings, sure: SureFootprint) -> Spacing:
-    made = space(s.optics, s.height_m, sure, front_overlap=s.front_overlap, side_overlap=s.side_overlap)
+def _spaced(s: SurveySettings, sure: SureFootprint, noses_rad: Sequence[float] = (0.0,)) -> Spacing:
+    made = space(
+        s.optics, s.height_m, sure, front_overlap=s.front_overlap, side_overlap=s.side_overlap, noses_rad=noses_rad
+    )
     step = math.floor(made.step_m * 100.0) / 100.0  # as files and autopilots keep it
     if step < 0.05:
         raise UsageError("pictures would lie less than 5 cm apart: fly higher, or take less --front-overlap")
@@ -183,6 +188,11 @@ def _spaced(s: SurveySettings, sure: SureFootprint) -> Spacing:
 def _limited(s: SurveySettings, spacing: Spacing) -> FlightModel:
     interval = math.inf if s.least_interval_s <= 0 or s.trigger == "hover" else spacing.step_m / s.least_interval_s
     return replace(s.model, most_ground_speed_m_s=min(s.model.most_ground_speed_m_s, interval))
+
+
+def _nose_rad(s: SurveySettings, first_rad: float) -> float:
+    """Where a nose that stays where it is points."""
+    return first_rad if s.nose_deg is None else math.radians(s.nose_deg)
 
 
 def _style(s: SurveySettings, spacing: Spacing, model: FlightModel, headings: Sequence[float]) -> FlightStyle:
@@ -196,7 +206,7 @@ def _style(s: SurveySettings, spacing: Spacing, model: FlightModel, headings: Se
     transit = max(s.height_m, s.transit_height_m or 0.0)
     return FlightStyle(
         s.height_m, transit, trigger, spacing.step_m, s.overshoot_m, s.lead_in_m, s.trigger_in_turns,
-        math.degrees(headings[0]) % 360.0 if s.fixed_heading else None, s.lands, s.endurance_s,
+        round(math.degrees(_nose_rad(s, headings[0])) % 360.0, 6) if s.fixed_heading else None, s.lands, s.endurance_s,
     )  # fmt: skip
 
 
@@ -210,11 +220,17 @@ def _all_lanes(
 ) -> tuple[list[Lane], list[float], SureFootprint, Spacing]:
     """The lanes of every part of the area, their headings, and the footprint and spacing that hold for all of them."""
     if area.corridor:
-        sure = sure_footprint(s.optics, s.height_m, s.tolerances, crab_deg=_most_crab(model))
-        spacing = _spaced(s, sure)
+        legs = np.concatenate([np.diff(np.asarray(line.coords), axis=0) for line in area.corridor])
+        ways = np.arctan2(legs[:, 0], legs[:, 1])
+        if s.fixed_heading:
+            noses = _apart(_nose_rad(s, float(ways[0])) - ways)
+            sure = sure_footprint(s.optics, s.height_m, s.tolerances, noses_rad=noses)
+        else:
+            noses = [0.0]
+            sure = sure_footprint(s.optics, s.height_m, s.tolerances, crab_deg=_most_crab(model))
+        spacing = _spaced(s, sure, noses)
         made = [lane for line in area.corridor for lane in corridor_lanes(line, area.corridor_width_m, spacing, sure)]
-        p = area.corridor[0].coords
-        return _clipped(made, free), [math.atan2(p[1][0] - p[0][0], p[1][1] - p[0][1])], sure, spacing
+        return _clipped(made, free), [float(ways[0])], sure, spacing
     width = s.optics.footprint_m(s.height_m)[0]
     groups = _groups(area.target, width)
     plain = sure_footprint(s.optics, s.height_m, s.tolerances)
@@ -230,14 +246,19 @@ def _all_lanes(
             headings.append(_best_heading(group, s, model, free, home, plain, rough))
     on_progress("sweep angle", len(groups), len(groups))
     turns = [0.0, math.pi / 2] if s.crosshatch else [0.0]
-    crab = max(model.crab_deg(h + t) for h in headings for t in turns)
+    noses = _apart(np.array([_nose_rad(s, headings[0]) - h - t for h in headings for t in turns]))
+    crab = 0.0 if s.fixed_heading else max(model.crab_deg(h + t) for h in headings for t in turns)
     if crab > s.most_crab_deg and s.angle_deg is not None:
         raise UsageError(
             f"at {s.angle_deg:g} degrees the wind turns the nose by {crab:.0f} degrees: leave --angle away, fly "
             "faster, or raise --max-crab-deg"
         )
-    sure = plain if crab < 0.01 else sure_footprint(s.optics, s.height_m, s.tolerances, crab_deg=crab)
-    spacing = rough if sure is plain else _spaced(s, sure)
+    if s.fixed_heading:
+        sure = sure_footprint(s.optics, s.height_m, s.tolerances, noses_rad=noses)
+        spacing = _spaced(s, sure, noses)
+    else:
+        sure = plain if crab < 0.01 else sure_footprint(s.optics, s.height_m, s.tolerances, crab_deg=crab)
+        spacing = rough if sure is plain else _spaced(s, sure)
     gap = _merge_gap(model)
     lanes = [
         lane
@@ -246,6 +267,11 @@ def _all_lanes(
         for lane in sweep(group, heading + turn, spacing, sure, merge_gap_m=gap)
     ]
     return _clipped(lanes, free), headings, sure, spacing
+
+
+def _apart(noses_rad: FloatArray) -> list[float]:
+    """The angles that are different ones to a picture, which looks the same both ways round."""
+    return [math.radians(d) for d in sorted({round(math.degrees(n) % 180.0, 1) % 180.0 for n in noses_rad})]
 
 
 def _most_crab(model: FlightModel) -> float:
@@ -292,8 +318,10 @@ def _best_heading(
     turn_s = 2.0 * math.sqrt(spacing.lane_m / model.accel_m_s2) + model.speed_m_s / model.accel_m_s2
     rough = []
     for heading in candidate_headings(target):
-        if model.crab_deg(heading) > s.most_crab_deg:
+        if not s.fixed_heading and model.crab_deg(heading) > s.most_crab_deg:
             continue
+        if s.fixed_heading:
+            sure, spacing = _turned_pictures(s, float(heading))
         along = np.array([math.sin(heading), math.cos(heading)])
         speeds = [float(v) for v in model.ground_speed(np.stack([along, -along]), survey=True)]
         rough.append((estimate_s(edges, float(heading), spacing, speeds_m_s=speeds, turn_s=turn_s), float(heading)))
@@ -304,10 +332,19 @@ def _best_heading(
     tries = 12 if size < 2_000 else 6 if size < 10_000 else 2
     exact = []
     for _, heading in rough[:tries]:
+        if s.fixed_heading:
+            sure, spacing = _turned_pictures(s, heading)
         lanes = _clipped(sweep(target, heading, spacing, sure, merge_gap_m=_merge_gap(model)), free)
         if lanes:
             exact.append((_tour_s(lanes, home, free, s, model), heading))
     return min(exact)[1] if exact else rough[0][1]
+
+
+def _turned_pictures(s: SurveySettings, heading_rad: float) -> tuple[SureFootprint, Spacing]:
+    """What lanes of a heading are sure to show, and how they lie, where the nose does not turn with them."""
+    noses = _apart(np.array([_nose_rad(s, heading_rad) - heading_rad]))
+    sure = sure_footprint(s.optics, s.height_m, s.tolerances, noses_rad=noses)
+    return sure, _spaced(s, sure, noses)
 
 
 def _tour_s(

@@ -22,7 +22,7 @@ from photomap_gis.ingest.stills import read_still
 from photomap_gis.mission_planner.optics import Optics
 from photomap_gis.mission_planner.survey import Survey
 from photomap_gis.mosaic import TileStore
-from photomap_gis.pipeline.plan_camera import camera_optics
+from photomap_gis.pipeline.plan_camera import LensNumbers, camera_optics, check_raster
 from photomap_gis.pipeline.plan_report import plan_facts
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.store import Mission
@@ -38,16 +38,18 @@ _GAP_CELLS = 1500
 
 
 def planned_camera(
-    named: str | None, *, fov_deg: float | None = None, width_px: int | None = None, height_px: int | None = None
+    named: str | None, lens: LensNumbers, *, width_px: int | None = None, height_px: int | None = None
 ) -> Optics:
     """Return the optics of a photo that the camera took, of a known camera, or of numbers."""
     if named is None or not Path(named).is_file():
-        return camera_optics(named, fov_deg=fov_deg, width_px=width_px, height_px=height_px)
+        return camera_optics(named, lens, width_px=width_px, height_px=height_px)
     still = read_still(Path(named))
-    camera = camera_for(still.width_px, still.height_px, still.lens, hfov_deg=fov_deg)
-    if camera.focal_px is None:
-        raise DataError(f"{named} does not tell its lens: give --fov-deg too")
-    return Optics(camera.width_px, camera.height_px, camera.focal_px, camera.name or Path(named).name)
+    check_raster(Path(named).name, (still.width_px, still.height_px), (width_px, height_px))
+    camera = camera_for(still.width_px, still.height_px, still.lens)
+    focal = lens.focal_px(camera.width_px, camera.height_px) or camera.focal_px
+    if focal is None:
+        raise DataError(f"{named} does not tell its lens: give --fov-deg, or --focal-mm and --sensor-width-mm, too")
+    return Optics(camera.width_px, camera.height_px, focal, camera.name or Path(named).name)
 
 
 def planned_height_m(
@@ -75,12 +77,9 @@ def target_size_m(text: str) -> float:
     return min(sides)
 
 
-def survey_facts(survey: Survey, optics: Optics, height_m: float, endurance_s: float | None) -> dict[str, Any]:
+def survey_facts(survey: Survey, optics: Optics, height_m: float) -> dict[str, Any]:
     """Return the plan as the document that scripts read, with what a survey has besides."""
-    facts = plan_facts(survey.plan)
-    for sortie, flown in zip(facts["sorties"], survey.plan.sorties, strict=True):
-        sortie["battery_share"] = round(flown.duration_s / endurance_s, 3) if endurance_s else None
-    return facts | {
+    return plan_facts(survey.plan) | {
         "camera": asdict(optics),
         "height_m": round(height_m, 2),
         "photo_spacing_m": survey.spacing.step_m,

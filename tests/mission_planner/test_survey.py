@@ -186,3 +186,30 @@ def test_one_battery_that_does_not_reach_is_said():
     chosen = SurveySettings(OPTICS, 60.0, endurance_s=240.0, home=(47.05, 8.0))
     with pytest.raises(UsageError, match="battery"):
         plan_survey(survey_area([square(400)]), chosen)
+
+
+@pytest.mark.parametrize("nose", [0.0, 30.0, 90.0, 250.0])
+def test_a_nose_that_stays_is_flown_and_proved_as_it_points(nose):
+    zone = ring(LocalFrame.about(47.0, 8.0), [(60, 60), (90, 60), (90, 90), (60, 90)])
+    chosen = SurveySettings(OPTICS, 50.0, fixed_heading=True, nose_deg=nose, angle_deg=0.0, crosshatch=nose == 30.0)
+    survey = plan_survey(survey_area([square(240)], [zone]), chosen)
+    noses = {w.heading_deg for s in survey.plan.sorties for w in s.waypoints}
+    assert noses == {nose}
+    assert survey.plan.covered_share > 0.995
+    points = np.random.default_rng(1).uniform(-120, 120, (400, 2))
+    spots = shapely.points(points)
+    points = points[shapely.contains(survey.area.target, spots) & (shapely.distance(survey.left, spots) > 0)]
+    shots, _ = counted_shots(survey.lanes, survey.spacing)
+    seen = np.zeros(len(points), bool)
+    for place in shots:
+        seen |= surely_sees(points - place, math.radians(nose), 50.0, chosen.tolerances)
+    assert seen.all()
+
+
+def test_a_nose_across_the_lanes_lays_them_by_the_pictures_other_side():
+    area = survey_area([square(400)])
+    along = plan_survey(area, SurveySettings(OPTICS, 60.0, angle_deg=0.0, fixed_heading=True, nose_deg=0.0))
+    across = plan_survey(area, SurveySettings(OPTICS, 60.0, angle_deg=0.0, fixed_heading=True, nose_deg=90.0))
+    assert across.spacing.lane_m == pytest.approx(along.spacing.lane_m * 2 / 3, rel=0.01)
+    assert across.spacing.step_m >= along.spacing.step_m
+    assert across.plan.covered_share == along.plan.covered_share == 1.0

@@ -256,7 +256,7 @@ def _waypoint(
     speed = flight.survey_speed_m_s if camera else flight.model.speed_m_s
     return Waypoint(
         *_lat_lon(place),
-        alt_m=flight.height_m if low else flight.safe_height_m,
+        alt_m=round(flight.height_m if low else flight.safe_height_m, 2),
         role=role,
         trigger=flight.trigger if camera else None,
         speed_m_s=speed,

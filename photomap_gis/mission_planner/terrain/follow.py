@@ -130,7 +130,7 @@ def follow_terrain(
         frame=frame,
         sorties=sorties,
         home=home,
-        home_alt_amsl_m=None if shift_m is None else home_m + shift_m,
+        home_alt_amsl_m=None if shift_m is None else round(home_m + shift_m, 2),
         warnings=tuple(warnings),
     )
     return result, report
@@ -266,7 +266,7 @@ def _shift_to_amsl(
 
 
 def _with_zero(sortie: Sortie, zero_m: float) -> Sortie:
-    return replace(sortie, waypoints=tuple(replace(w, alt_m=round(w.alt_m - zero_m, 3)) for w in sortie.waypoints))
+    return replace(sortie, waypoints=tuple(replace(w, alt_m=round(w.alt_m - zero_m, 2)) for w in sortie.waypoints))
 
 
 def _warnings(
