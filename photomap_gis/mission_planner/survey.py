@@ -220,8 +220,7 @@ def _all_lanes(
 ) -> tuple[list[Lane], list[float], SureFootprint, Spacing]:
     """The lanes of every part of the area, their headings, and the footprint and spacing that hold for all of them."""
     if area.corridor:
-        legs = np.concatenate([np.diff(np.asarray(line.coords), axis=0) for line in area.corridor])
-        ways = np.arctan2(legs[:, 0], legs[:, 1])
+        ways = np.concatenate([_ways(np.asarray(line.coords)) for line in area.corridor])
         if s.fixed_heading:
             noses = _apart(_nose_rad(s, float(ways[0])) - ways)
             sure = sure_footprint(s.optics, s.height_m, s.tolerances, noses_rad=noses)
@@ -269,9 +268,18 @@ def _all_lanes(
     return _clipped(lanes, free), headings, sure, spacing
 
 
+def _ways(xy: FloatArray) -> FloatArray:
+    """The headings of a path's legs, and those that cut its sharp corners, as lanes beside it do."""
+    legs = np.diff(xy, axis=0)
+    legs = legs / np.maximum(np.hypot(*legs.T), 1e-9)[:, None]
+    cuts = (legs[1:] + legs[:-1])[np.einsum("ij,ij->i", legs[1:], legs[:-1]) < 0.0]
+    every = np.concatenate([legs, cuts])
+    return np.asarray(np.arctan2(every[:, 0], every[:, 1]))
+
+
 def _apart(noses_rad: FloatArray) -> list[float]:
     """The angles that are different ones to a picture, which looks the same both ways round."""
-    return [math.radians(d) for d in sorted({round(math.degrees(n) % 180.0, 1) % 180.0 for n in noses_rad})]
+    return [math.radians(d) for d in sorted({round(math.degrees(n) % 180.0, 2) % 180.0 for n in noses_rad})]
 
 
 def _most_crab(model: FlightModel) -> float:

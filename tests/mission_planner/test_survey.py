@@ -213,3 +213,17 @@ def test_a_nose_across_the_lanes_lays_them_by_the_pictures_other_side():
     assert across.spacing.lane_m == pytest.approx(along.spacing.lane_m * 2 / 3, rel=0.01)
     assert across.spacing.step_m >= along.spacing.step_m
     assert across.plan.covered_share == along.plan.covered_share == 1.0
+
+
+def test_a_nose_that_stays_along_a_corridor_with_corners_sees_all_of_it():
+    line = [(8.31, 47.05), (8.316, 47.052), (8.3115, 47.0525), (8.312, 47.056)]
+    chosen = SurveySettings(OPTICS, 60.0, fixed_heading=True, nose_deg=20.0)
+    survey = plan_survey(survey_area([], line=line, corridor_width_m=90.0), chosen)
+    assert survey.plan.covered_share == 1.0
+    west, south, east, north = survey.area.target.bounds
+    points = np.random.default_rng(2).uniform((west, south), (east, north), (1500, 2))
+    points = points[shapely.contains(survey.area.target, shapely.points(points))]
+    seen = np.zeros(len(points), bool)
+    for place in counted_shots(survey.lanes, survey.spacing)[0]:
+        seen |= surely_sees(points - place, math.radians(20.0), 60.0, chosen.tolerances)
+    assert seen.all()
