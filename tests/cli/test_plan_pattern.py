@@ -134,7 +134,8 @@ def test_a_survey_follows_the_terrain_too(capsys: pytest.CaptureFixture[str], tm
     assert not any("flat ground" in w for w in facts["warnings"])
     assert facts["terrain"]["waypoints_added"] > 10 and facts["terrain"]["lowest_survey_m"] > 56
     low, high = facts["gsd_range_m_per_px"]
-    assert 0.9 * facts["gsd_m_per_px"] < low < facts["gsd_m_per_px"] < high
+    # over the ground that pictures show, hills to the side of the flight too
+    assert 0.75 * facts["gsd_m_per_px"] < low < facts["gsd_m_per_px"] < high
     assert facts["covered_share"] == flat["covered_share"] and facts["home_alt_amsl_m"] > 400
 
 
