@@ -23,7 +23,7 @@ from photomap_gis.export.crs import WEB_MERCATOR, parse_crs, same_crs
 from photomap_gis.export.encode import TileChoice, TileFormat, parse_tile_choice
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.pyramid import Pyramid
-from photomap_gis.export.sqlite import new_database
+from photomap_gis.export.sqlite import check_tiles, new_database
 from photomap_gis.export.warp import Resampler, ground_pixel_m, target_grid
 from photomap_gis.export.webtiles import EncodedTile, OnProgress, encoded_tiles, plan_web_tiles
 from photomap_gis.export.words import MapWords
@@ -89,7 +89,10 @@ def write_geopackage(
     choice = parse_tile_choice(image_format, auto=TileChoice.MIXED)
     layout = _layout(clipped(source, area), crs, pixel_size, area)
     count, stored = 0, set()
-    with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary, new_database(temporary, path) as db:
+    with (
+        file_in_place_of(path, lambda p: check_tiles(p, path, "map", count)) as temporary,
+        new_database(temporary, path) as db,
+    ):
         db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
         db.execute(f"PRAGMA user_version = {_VERSION}")
         db.executescript(_SCHEMA)
@@ -205,16 +208,3 @@ def _add_crs(db: sqlite3.Connection, crs_wkt: str | None) -> int:
             rows.append((crs.name, srs_id, "EPSG" if code else "NONE", srs_id, wkt, crs.name))
     db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", rows)
     return srs_id
-
-
-def _check(temporary: Path, path: Path, count: int) -> None:
-    db = sqlite3.connect(temporary)
-    try:
-        (found,) = db.execute("SELECT count(*) FROM map").fetchone()
-        (state,) = db.execute("PRAGMA quick_check").fetchone()
-    except sqlite3.Error as error:
-        raise OutputError(f"{path} is damaged after writing ({error}); check the disk") from error
-    finally:
-        db.close()
-    if found != count or state != "ok":
-        raise OutputError(f"{path} is damaged after writing ({found} of {count} tiles, {state}); check the disk")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 from photomap_gis.core.errors import OutputError
@@ -10,7 +9,7 @@ from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.encode import parse_tile_choice
 from photomap_gis.export.publish import file_in_place_of
-from photomap_gis.export.sqlite import new_database
+from photomap_gis.export.sqlite import check_tiles, new_database
 from photomap_gis.export.webtiles import OnProgress, plan_web_tiles
 from photomap_gis.export.words import MapWords
 
@@ -65,7 +64,10 @@ def write_mbtiles(
         **words.pairs,
     }
     count = 0
-    with file_in_place_of(path, lambda p: _check(p, path, count)) as temporary, new_database(temporary, path) as db:
+    with (
+        file_in_place_of(path, lambda p: check_tiles(p, path, "tiles", count)) as temporary,
+        new_database(temporary, path) as db,
+    ):
         db.executescript(_SCHEMA)
         db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
         db.executemany("INSERT INTO metadata VALUES (?, ?)", metadata.items())
@@ -79,16 +81,3 @@ def write_mbtiles(
         db.commit()
         db.executescript(_INDEXES)
     return count
-
-
-def _check(temporary: Path, path: Path, count: int) -> None:
-    db = sqlite3.connect(temporary)
-    try:
-        (found,) = db.execute("SELECT count(*) FROM tiles").fetchone()
-        (state,) = db.execute("PRAGMA quick_check").fetchone()
-    except sqlite3.Error as error:
-        raise OutputError(f"{path} is damaged after writing ({error}); check the disk") from error
-    finally:
-        db.close()
-    if found != count or state != "ok":
-        raise OutputError(f"{path} is damaged after writing ({found} of {count} tiles, {state}); check the disk")

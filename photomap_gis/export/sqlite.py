@@ -25,3 +25,17 @@ def new_database(temporary: Path, path: Path) -> Iterator[sqlite3.Connection]:
         raise OutputError(f"{path} cannot be written: {error}; {advice}") from error
     finally:
         db.close()
+
+
+def check_tiles(temporary: Path, path: Path, table: str, count: int) -> None:
+    """Raise ``OutputError`` where a file that becomes ``path`` does not hold ``count`` tiles in a sound ``table``."""
+    db = sqlite3.connect(temporary)
+    try:
+        (found,) = db.execute(f'SELECT count(*) FROM "{table}"').fetchone()
+        (state,) = db.execute("PRAGMA quick_check").fetchone()
+    except sqlite3.Error as error:
+        raise OutputError(f"{path} is damaged after writing ({error}); check the disk") from error
+    finally:
+        db.close()
+    if found != count or state != "ok":
+        raise OutputError(f"{path} is damaged after writing ({found} of {count} tiles, {state}); check the disk")

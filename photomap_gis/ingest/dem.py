@@ -53,7 +53,8 @@ def read_heights(path: Path, lonlat_deg: FloatArray) -> FloatArray:
             band = dataset.read(1, window=window, out_shape=shape, masked=True).astype(np.float64)
     except (RasterioError, OSError) as error:
         raise DataError(f"cannot read the elevation model {path}: {str(error).splitlines()[0]}") from error
-    heights = np.where(np.isfinite(band.filled(np.nan)), band.filled(np.nan), np.nan)
+    heights = band.filled(np.nan)
+    heights[~np.isfinite(heights)] = np.nan
     out = np.full(len(lonlat_deg), np.nan)
     u = (column[near] - first_column + 0.5) * shape[1] / window.width - 0.5
     v = (row[near] - first_row + 0.5) * shape[0] / window.height - 0.5

@@ -157,6 +157,7 @@ def settle(
     if misses_its_points(on_posed, on_flat):
         logger.info("cameras posed in space miss the control points: the flat solution stands")
         solved = flat
+    used_terrain = terrain is not None and solved is not flat
     nudges = mission.load_control().nudges
     if nudges and solved.georeferenced:
         motion = nudge_motion(nudges, solved.map_frame)
@@ -166,8 +167,8 @@ def settle(
     words = holes + lag_warnings(mission, solved.fix_lags)
     words += words_on(results, points, sorted(aside), names)
     words += words_on_checks(points, solved.trajectory, names)
-    if settings.dem is not None and solved.trajectory is flat.trajectory:
-        words.append("--dem was not used: cameras could not be posed in space; lenses and registrations must be known")
+    if settings.dem is not None and not used_terrain:
+        words.append("--dem was not used: it needs positions, a known lens, and cameras that could be posed in space")
     return replace(solved, control=results, warnings=(*solved.warnings, *words))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.core.grid import MapFrame
@@ -51,8 +52,6 @@ def terrain_under(path: Path, trajectory: Trajectory, map_frame: MapFrame) -> tu
 
 def _filled(up: np.ndarray) -> np.ndarray:
     """Return the lattice with each hole as high as the nearest node that is known."""
-    from scipy.ndimage import distance_transform_edt
-
     holes = ~np.isfinite(up)
     if not holes.any():
         return up

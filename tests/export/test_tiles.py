@@ -182,8 +182,6 @@ def test_mbtiles_and_folder_are_one_pyramid(scene, tmp_path):
 
 
 def test_a_full_disk_in_sqlite(scene, tmp_path, monkeypatch):
-    from photomap_gis.export import mbtiles
-
     real = sqlite3.connect
 
     def small(path):
@@ -191,7 +189,7 @@ def test_a_full_disk_in_sqlite(scene, tmp_path, monkeypatch):
         db.execute("PRAGMA max_page_count = 5")
         return db
 
-    monkeypatch.setattr(mbtiles.sqlite3, "connect", small)
+    monkeypatch.setattr(sqlite3, "connect", small)
     with pytest.raises(OutputError, match="full"):
         write_mbtiles(scene.small(), tmp_path / "m.mbtiles")
     assert list(tmp_path.iterdir()) == []

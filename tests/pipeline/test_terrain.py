@@ -64,3 +64,9 @@ def test_a_model_with_a_hole_too_large_changes_nothing(flown, mission, tmp_path)
     with pytest.raises(DataError, match="of the ground under the map"):
         solve_again(mission, dem=write_dem(flown, tmp_path / "half.tif", west_half_only=True, everything=False))
     assert ((mission / "mission.json").read_bytes(), (mission / "solution.json").read_bytes()) == before
+
+
+def test_a_model_that_could_not_be_used_is_told(flown, mission, tmp_path, monkeypatch):
+    monkeypatch.setattr("photomap_gis.pipeline.flight.solve_in_space", lambda *a, **k: a[3])
+    told = solve_again(mission, dem=write_dem(flown, tmp_path / "dtm.tif"))
+    assert any("--dem was not used" in w for w in told.warnings)

@@ -66,19 +66,7 @@ def upload_mission(
     saved: str | None = None
 
     def ended(replaced: Replaced, count: int, warnings: tuple[str, ...] = ()) -> Report:
-        differences = tuple(d for c in replaced.comparisons.values() for d in c.differences)
-        notes = tuple(n for c in replaced.comparisons.values() for n in c.notes)
-        return Report(
-            outcome=replaced.outcome,
-            holds=replaced.holds,
-            message=replaced.message,
-            items=count,
-            seconds=talk.now_s - begun_s,
-            differences=() if replaced.outcome is Outcome.VERIFIED else differences,
-            warnings=(*warnings, *notes),
-            saved_previous=saved,
-            vehicle=talk.state,
-        )
+        return _ended(talk, replaced, count, begun_s, warnings=warnings, saved=saved)
 
     count = len(mission.items)
     try:
@@ -157,19 +145,7 @@ def restore_lists(
     except (Unreachable, MissionModeEntered, Stopped) as event:
         return _before_anything(talk, event, count, begun_s)
     replaced = yield from replace_lists(talk, lists, previous, puts_back=False)
-    notes = tuple(n for c in replaced.comparisons.values() for n in c.notes)
-    differences = tuple(d for c in replaced.comparisons.values() for d in c.differences)
-    return Report(
-        outcome=replaced.outcome,
-        holds=replaced.holds,
-        message=replaced.message,
-        items=count,
-        seconds=talk.now_s - begun_s,
-        differences=() if replaced.outcome is Outcome.VERIFIED else differences,
-        warnings=(*warnings, *notes),
-        saved_previous=saved,
-        vehicle=talk.state,
-    )
+    return _ended(talk, replaced, count, begun_s, warnings=warnings, saved=saved)
 
 
 def clear_lists(talk: Talk, kinds: tuple[Kind, ...], options: UploadOptions, *, save: Save, say: Callable[[str], None]
@@ -222,6 +198,24 @@ def download_lists(talk: Talk, kinds: tuple[Kind, ...], options: UploadOptions) 
     if mission.home is None and talk.vehicle.home is not None:
         mission = replace(mission, home=talk.vehicle.home)
     return Downloaded(talk.vehicle, lists, mission, (*warnings, *left_out))
+
+
+def _ended(
+    talk: Talk, replaced: Replaced, count: int, begun_s: float, *, warnings: tuple[str, ...], saved: str | None
+) -> Report:
+    differences = tuple(d for c in replaced.comparisons.values() for d in c.differences)
+    notes = tuple(n for c in replaced.comparisons.values() for n in c.notes)
+    return Report(
+        outcome=replaced.outcome,
+        holds=replaced.holds,
+        message=replaced.message,
+        items=count,
+        seconds=talk.now_s - begun_s,
+        differences=() if replaced.outcome is Outcome.VERIFIED else differences,
+        warnings=(*warnings, *notes),
+        saved_previous=saved,
+        vehicle=talk.state,
+    )
 
 
 def _known(vehicle: VehicleState) -> Autopilot:

@@ -45,7 +45,7 @@ OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
 TOLD_APART = 2.0
 """It is taken where it came out by so many of its sigmas off what was known."""
-HELD_ROUNDS = 5
+HELD_ROUNDS = 4
 """Rounds after lens numbers were put back."""
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
