@@ -28,7 +28,7 @@ from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, exp_rot
 FIRST_RELIEF = 0.03
 """Before looking, the ground may lie off its middle level by this share of the flying height."""
 LEAST_RELIEF = 0.001
-ROUNDS, LEVEL_ROUNDS = 10, 2
+ROUNDS, LEVEL_ROUNDS = 9, 2
 """In the first rounds the ground counts as level, roughly: a lens that is off bends it like a bowl, and the bowl would
 be believed."""
 FIRST_STEPS, STEPS, LAST_STEPS = 4, 1, 2
@@ -45,7 +45,7 @@ OBSERVABLE = 0.5
 """A lens number is released where the flight makes it so much surer than it was."""
 TOLD_APART = 2.0
 """It is taken where it came out by so many of its sigmas off what was known."""
-HELD_ROUNDS = 4
+HELD_ROUNDS = 3
 """Rounds after lens numbers were put back."""
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
