@@ -31,7 +31,7 @@ FRAMES, PAIRS = 630, 12_364
 PLAN = Plan(FRAMES, strip_m=150.0, height_m=50.0, forward=0.85, side=0.72, wander_m=0.3, tilt_sigma_rad=np.radians(0.7))
 SIDE_PX = 256
 NOISE_GREY = 3.0
-FIRST_A_FRAME = 10
+FIRST_A_FRAME = 5
 """Loops a frame of the first map."""
 MARGIN_M = 70.0
 GSD_M = 0.2

@@ -110,6 +110,7 @@ def command(
         prefer=None if prefer is None else Prefer(prefer),
         layers=layers,
         dem=None if dem is None else str(dem.absolute()),
+        processes=True,
     )
     folder = add or mission
     assert folder is not None  # told apart above

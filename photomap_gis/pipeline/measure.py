@@ -18,7 +18,7 @@ from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.ifmi import Prior, register
-from photomap_gis.parallel import ExecutorName, map_jobs
+from photomap_gis.parallel import ExecutorName, map_jobs, usable_cpus
 from photomap_gis.pipeline.prepare import SpectrumShelf
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.slam.candidates import Candidate, candidates
@@ -32,6 +32,8 @@ PER_FRAME = 12
 """Registrations across strips tried a frame in one pass."""
 MAX_PRIOR_ANGLE_RAD = 0.5
 """A heading less sure than this does not restrict the search."""
+WORTH_PROCESSES = 1500
+"""So many registrations outweigh the start of processes that make their own spectra."""
 WELL_TIED = 4
 """A frame with this many registrations needs no second try."""
 
@@ -199,19 +201,19 @@ class Measurements:
     def _take(self, pairs: Sequence[Pair], stage: str, *, again: bool = False) -> int:
         """Register pairs and journal each result; return how many were accepted.
 
-        Pairs that this run has tried are left out unless they are to be tried ``again``.
+        Pairs that this run has tried are left out unless they are to be tried ``again``. They are taken in the order
+        of their frames: by worth, a long flight's would ask for spectra that were given up a moment ago.
         """
-        todo = [p for p in pairs if again or _key(p.a, p.b) not in self._tries]
+        todo = sorted((p for p in pairs if again or _key(p.a, p.b) not in self._tries), key=lambda p: _key(p.a, p.b))
         known = [left.popleft() if (left := self._earlier.get(_key(p.a, p.b))) else None for p in todo]
         new = [p for p, record in zip(todo, known, strict=True) if record is None]
-        if self._settings.scheduler is None:
-            # A registration by spectra is many short calls: two threads hand Python's lock to and fro and take half as
-            # long again as one. Features are few long calls.
-            executor: ExecutorName = "threads" if any(p.fallback for p in new) else "serial"
-            measured = map_jobs(self._measure, new, executor=executor, workers=self._settings.workers)
-        else:
-            there = partial(measure_there, self._mission.paths, self._run)
+        there = partial(measure_there, self._mission.paths, self._run)
+        if self._settings.scheduler is not None:
             measured = map_jobs(there, new, scheduler=self._settings.scheduler)
+        elif (executor := self._executor(new)) == "processes":
+            measured = map_jobs(there, new, executor=executor, workers=self._settings.workers)
+        else:
+            measured = map_jobs(self._measure, new, executor=executor, workers=self._settings.workers)
         gained = done = 0
         for pair, record in zip(todo, known, strict=True):
             key = _key(pair.a, pair.b)
@@ -226,6 +228,16 @@ class Measurements:
                 self.records[key] = record
                 gained += record.accepted
         return gained
+
+    def _executor(self, pairs: Sequence[Pair]) -> ExecutorName:
+        """Return where pairs are best registered.
+
+        A registration by spectra is many short calls: two threads hand Python's lock to and fro and take half as long
+        again as one. Features are few long calls. Processes start slowly and make spectra of their own.
+        """
+        if self._settings.processes and len(pairs) >= WORTH_PROCESSES and (self._settings.workers or usable_cpus()) > 1:
+            return "processes"
+        return "threads" if any(p.fallback for p in pairs) else "serial"
 
     def _measure(self, pair: Pair) -> RegistrationRecord | None:
         return measured_pair(self._shelf, pair)

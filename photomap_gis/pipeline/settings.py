@@ -28,7 +28,8 @@ class MapSettings:
     that the map is laid on, ``reference_sigma_m`` their own constant error per axis (``None``: one of their pixels).
     ``prefer`` says which of several frames is shown (``None``: the steepest, or what the mission was drawn by),
     ``layers`` whether layers are written beside the map.
-    ``dem`` is a file of the ground's heights, of which the shape is used.
+    ``dem`` is a file of the ground's heights, of which the shape is used. ``processes`` allows long work to be done in
+    processes of their own: a script that sets it keeps its own start behind ``if __name__ == "__main__"``.
     """
 
     ingest: IngestOptions = field(default_factory=IngestOptions)
@@ -45,6 +46,7 @@ class MapSettings:
     prefer: Prefer | None = None
     layers: bool | None = None
     dem: str | None = None
+    processes: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_off_nadir_deg < 90.0:

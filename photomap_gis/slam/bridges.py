@@ -44,7 +44,7 @@ def contradicted_bridges(relative: RelativePoses, edges: EdgeTerms, positions: P
     for k in bridges(neighbours):
         a, b = int(edges.a[k]), int(edges.b[k])
         sides = [np.array([fixes[n] for n in _near(neighbours, start, k, fixes)], np.intp) for start in (a, b)]
-        doubt = max(_doubt(relative.t, positions, *sides), _doubt(relative.t, positions, *sides[::-1]))
+        doubt = _doubt(relative.t, positions, *sides)
         component = int(relative.labels[a])
         if doubt > max(CONTRADICTED_SIGMA, worst.get(component, (0.0, 0))[0]):
             worst[component] = (doubt, k)
@@ -103,34 +103,42 @@ def _near(neighbours: list[list[tuple[int, int]]], start: int, barred: int, fixe
     return out
 
 
-def _doubt(t: ComplexArray, positions: PositionTerms, here: IntArray, there: IntArray) -> float:
-    """By how many sigmas the fixes of both sides are better off without the edge between them; 0 if they cannot say.
+def _doubt(t: ComplexArray, positions: PositionTerms, *sides: IntArray) -> float:
+    """By how many sigmas the fixes of two sides are better off without the edge between them; 0 if they cannot say.
 
     One similarity for all against one a side (Chow's test). Fixes near in time share their error, so that all
-    together count for ``SAMPLES_WORTH``; what they miss their own side's fit by widens the sigmas.
+    together count for ``SAMPLES_WORTH``; what they miss their own side's fit by widens the sigmas. A side of few fixes
+    has no turn and scale of its own: the other side then lends it those, and is asked alone.
     """
-    if len(here) < 4 or not len(there):
-        return 0.0
-    both = np.concatenate([here, there])
+    both = np.concatenate(sides)
     points, fixes, sigma = t[positions.node], positions.z_m, positions.sigma_m
-    worth = min(1.0, SAMPLES_WORTH / len(both))
+    worth = min(1.0, SAMPLES_WORTH / max(1, len(both)))
 
     def squares(fit: Fit, rows: IntArray) -> FloatArray:
         miss = np.abs(fit.z * points[rows] + fit.t - fixes[rows]) / sigma[rows]
         return np.minimum(miss, BLUNDER_SIGMA) ** 2
 
-    joint = align(points[both], fixes[both], sigma[both], samples=SAMPLES)
+    def fitted(rows: IntArray) -> Fit | None:
+        return align(points[rows], fixes[rows], sigma[rows], samples=SAMPLES)
+
+    def place(rows: IntArray, like: Fit) -> Fit:
+        off = fixes[rows] - like.z * points[rows]
+        return Fit(like.z, complex(np.median(off.real), np.median(off.imag)))
+
+    if not all(map(len, sides)) or max(map(len, sides)) < 4:
+        return 0.0
+    joint = fitted(both)
     together = np.inf if joint is None else float(squares(joint, both).sum())
     if together * worth <= CONTRADICTED_SIGMA**2:
         return 0.0  # no room for a gain: most bridges end here
-    one = align(points[here], fixes[here], sigma[here], samples=SAMPLES)
-    if one is None:
-        return 0.0
-    other = align(points[there], fixes[there], sigma[there], samples=SAMPLES) if len(there) >= 4 else None
-    if other is None:  # too few or too close together: only their place is their own
-        off = fixes[there] - one.z * points[there]
-        other = Fit(one.z, complex(np.median(off.real), np.median(off.imag)))
-    apart = np.concatenate([squares(one, here), squares(other, there)])
-    together = min([together, *(float(squares(fit, both).sum()) for fit in (one, other))])
-    gain = max(0.0, together - float(apart.sum())) * worth
-    return float(np.sqrt(gain / max(1.0, float(apart.mean()) / 2.0)))
+    own = [fitted(rows) if len(rows) >= 4 else None for rows in sides]
+    doubt = 0.0
+    for (here, there), (one, other) in ((sides, own), (sides[::-1], own[::-1])):
+        if one is None:
+            continue
+        across = other or place(there, one)
+        apart = np.concatenate([squares(one, here), squares(across, there)])
+        whole = min([together, *(float(squares(fit, both).sum()) for fit in (one, across))])
+        gain = max(0.0, whole - float(apart.sum())) * worth
+        doubt = max(doubt, float(np.sqrt(gain / max(1.0, float(apart.mean()) / 2.0))))
+    return doubt

@@ -1,8 +1,8 @@
 """Whom to try for loops: pairs of frames whose footprints, as far as is known, overlap. Pure.
 
-A pair tells the more the longer the way between its frames through what is registered already: neighbours in time
-hang together anyhow, frames of neighbouring strips do not. The budget of each frame is spread over different
-stretches of the flight rather than spent on the best-overlapping one.
+A pair tells the more the more ground its frames share, frames next but one in time as well as frames of neighbouring
+strips: the former stiffen the chain, the latter tie its windings to each other. The budget of each frame is spread
+over different stretches of the flight: with dense frames the best-overlapping ones are all of its own.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import shapely
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
 
-NEAR_IN_ORDER = 8
-"""Frames closer in order than this are held together by the chain between them: a pair of them tells less."""
-CROWDING = 0.6
-"""By what a pair's score shrinks for every accepted pair that joins the same two stretches of the flight."""
+STRETCH = 8
+"""So many frames in a row are one stretch of the flight."""
+CROWDING = 0.8
+"""By what a pair's score shrinks for every accepted pair that joins one of its frames to the other's stretch."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,10 +81,7 @@ def _chosen(
     pairs: list[tuple[int, int, float]], order: Mapping[int, int], max_per_frame: int, spent: Mapping[int, int]
 ) -> list[tuple[int, int, float]]:
     """Take pairs by falling score, each frame within its budget, each crowd of like pairs at a discount."""
-    heap = []
-    for a, b, overlap in pairs:
-        gap = abs(order[b] - order[a])
-        heap.append((-overlap * min(1.0, gap / NEAR_IN_ORDER), 0, a, b, overlap))
+    heap = [(-overlap, 0, a, b, overlap) for a, b, overlap in pairs]
     heapq.heapify(heap)
     used = dict(spent)
     crowd: dict[tuple[int, int], int] = {}
@@ -93,7 +90,7 @@ def _chosen(
         score, discounts, a, b, overlap = heapq.heappop(heap)
         if used.get(a, 0) >= max_per_frame or used.get(b, 0) >= max_per_frame:
             continue
-        cells = [(a, order[b] // NEAR_IN_ORDER), (b, order[a] // NEAR_IN_ORDER)]
+        cells = [(a, order[b] // STRETCH), (b, order[a] // STRETCH)]
         crowded = sum(crowd.get(cell, 0) for cell in cells)
         if crowded > discounts:  # others came first since this was scored: back in the queue at its lower worth
             heapq.heappush(heap, (score * CROWDING ** (crowded - discounts), crowded, a, b, overlap))

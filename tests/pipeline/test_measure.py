@@ -1,6 +1,7 @@
 """Which pairs are registered, and what is expected of them."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ import pytest
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.pipeline.measure import prior_of, rejoining_pairs, sequential_pairs
+from photomap_gis.pipeline import measure
+from photomap_gis.pipeline.measure import Measurements, Pair, prior_of, rejoining_pairs, sequential_pairs
+from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.slam.candidates import Candidate
 from photomap_gis.store import PreparedFrame
 
@@ -50,3 +53,31 @@ def test_rejoining_pairs_are_between_groups_untried_and_bounded():
     many = rejoining_pairs([[i] for i in range(200)], set(), reach=3, budget=100)
     assert len(many) == 100
     assert all(p.b - p.a <= 3 for p in many)
+
+
+def test_pairs_are_registered_frame_by_frame_so_that_spectra_stay_at_hand(rng, monkeypatch):
+    """Taken by worth, a flight of more frames than the shelf holds made most spectra several times over."""
+    asked: list[tuple[int, int]] = []
+    monkeypatch.setattr(measure, "measured_pair", lambda shelf, pair: asked.append((pair.a, pair.b)))
+    pairs = [Pair(a, a + gap, EdgeKind.LOOP, fallback=False) for a in range(200) for gap in (2, 5, 21)]
+    rng.shuffle(pairs)
+    mission = SimpleNamespace(registrations=[], paths=None)
+    Measurements(mission, None, {}, MapSettings(), lambda *_: None)._take(pairs, "loops")
+    assert asked == sorted((p.a, p.b) for p in pairs)
+
+
+@pytest.mark.parametrize(
+    ("settings", "count", "fallback", "executor"),
+    [
+        (MapSettings(), 5000, False, "serial"),
+        (MapSettings(processes=True), 5000, False, "processes"),
+        (MapSettings(processes=True), 100, False, "serial"),
+        (MapSettings(processes=True, workers=1), 5000, False, "serial"),
+        (MapSettings(), 10, True, "threads"),
+    ],
+)
+def test_only_many_registrations_are_worth_processes(settings, count, fallback, executor, monkeypatch):
+    monkeypatch.setattr(measure, "usable_cpus", lambda: 2)
+    mission = SimpleNamespace(registrations=[], paths=None)
+    measurements = Measurements(mission, None, {}, settings, lambda *_: None)
+    assert measurements._executor([Pair(0, 1, EdgeKind.LOOP, fallback=fallback)] * count) == executor

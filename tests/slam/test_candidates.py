@@ -49,11 +49,21 @@ def test_covariance_is_that_of_independent_poses(rng):
                                np.sqrt(np.diagonal(c.covariance)), rtol=0.06)  # fmt: skip
 
 
-def test_loops_come_before_neighbours_in_time(rng):
-    _, poses, outlines = lawn(rng)
-    found = candidates(poses, outlines)
-    gaps = np.array([c.b - c.a for c in found])
-    assert np.median(gaps[: len(gaps) // 4]) > np.median(gaps[-len(gaps) // 4 :])
+@pytest.mark.parametrize("forward", [0.7, 0.96])
+def test_neighbours_in_time_leave_room_for_other_strips(rng, forward):
+    """Frames that follow each other densely share most ground, and would take the whole budget by overlap alone."""
+    per_strip, width, height = 40, 512.0, 384.0
+    poses = {}
+    for k in range(3 * per_strip):
+        strip, along = divmod(k, per_strip)
+        x = (along if strip % 2 == 0 else per_strip - 1 - along) * (1 - forward) * width
+        poses[k] = (Similarity2D(x, strip * 0.4 * height, 0.0 if strip % 2 == 0 else np.pi, 0.0), None)
+    chain = {(k, k + 1) for k in range(len(poses) - 1)}
+    found = candidates(poses, dict.fromkeys(poses, OUTLINE), exclude=chain, max_per_frame=6)
+    near = {f for c in found if c.b - c.a <= 3 for f in (c.a, c.b)}
+    across = {f for c in found if c.a // per_strip != c.b // per_strip for f in (c.a, c.b)}
+    assert len(across) > 0.9 * len(poses)
+    assert len(near) > 0.9 * len(poses)
 
 
 def test_the_order_does_not_hang_on_chance(rng):
