@@ -11,10 +11,11 @@ from qgis.core import (
     QgsMapLayerProxyModel,
     QgsProject,
     QgsRasterLayer,
+    QgsVectorFileWriter,
     QgsVectorLayer,
 )
 from qgis.gui import QgsFileWidget, QgsMapLayerComboBox, QgsProjectionSelectionWidget
-from qgis.PyQt.QtCore import Qt, QUrl
+from qgis.PyQt.QtCore import Qt, QTemporaryDir, QUrl
 from qgis.PyQt.QtGui import QDesktopServices
 from qgis.PyQt.QtWidgets import (
     QCheckBox,
@@ -50,6 +51,7 @@ class ExportDialog(QDialog):
     def __init__(self, context) -> None:
         super().__init__(context.iface.mainWindow())
         self._context = context
+        self._scratch = QTemporaryDir()
         self.setObjectName("photomapExportDialog")
         self.setWindowTitle(tr("Export a photo map"))
         self.mission = MissionBox(self)
@@ -134,7 +136,7 @@ class ExportDialog(QDialog):
             "gsd": self.gsd_m.value(),
             "compress": self.compress.currentText() if "geotiff" in flags else "",
             "tile_format": self.tile_format.currentText(),
-            "cutline": vector_file_of(self.cutline.currentLayer()),
+            "cutline": self._cutline(),
             "attribution": self.attribution.text().strip(),
             "over": over,
         }
@@ -156,8 +158,9 @@ class ExportDialog(QDialog):
                 return tr("The imagery to burn into is no file on this machine: export it as a GeoTIFF first.")
             if flags != ["geotiff"]:
                 return tr("Burning into existing imagery writes a GeoTIFF: tick that format alone.")
-        if self.cutline.currentLayer() is not None and not vector_file_of(self.cutline.currentLayer()):
-            return tr("The layer that cuts is no file on this machine: save it as GeoPackage or GeoJSON first.")
+        cutline = self.cutline.currentLayer()
+        if cutline is not None and not cutline.crs().isValid():
+            return tr("The layer that cuts has no coordinate system: set it in the layer's properties.")
         try:
             mission = read_mission(self.mission.folder())
         except MissionError as error:
@@ -165,7 +168,9 @@ class ExportDialog(QDialog):
         if not mission.georeferenced:
             barred = [f.words for f in formats() if f.flag in flags and f.needs_place]
             if barred:
-                return tr("This map has no place on Earth yet, which {} needs: pick two points first.").format(barred[0])
+                return tr("This map has no place on Earth yet, which {} needs: pick two points first.").format(
+                    barred[0]
+                )
         return ""
 
     def start(self) -> None:
@@ -177,7 +182,12 @@ class ExportDialog(QDialog):
         except OSError as error:
             self._failed(tr("The folder cannot be made ({}): choose another one.").format(error.strerror))
             return
-        self.jobs.watch(self._context.engine.start("export", self.arguments()), tr("Exporting…"))
+        try:
+            arguments = self.arguments()
+        except OSError as error:
+            self._failed(tr("The area that is cut to cannot be handed over: {}").format(error))
+            return
+        self.jobs.watch(self._context.engine.start("export", arguments), tr("Exporting…"))
         self._judge()
 
     def release(self) -> None:
@@ -198,6 +208,15 @@ class ExportDialog(QDialog):
         if outputs:
             self.words.setText(f'<a href="{outputs[0].parent}">{tr("Open the folder")}</a>')
             self.words.setVisible(True)
+
+    def _cutline(self) -> str:
+        layer = self.cutline.currentLayer()
+        if layer is None:
+            return ""
+        path = Path(self._scratch.path()) / "area.geojson"
+        path.unlink(missing_ok=True)
+        write_area(layer, path)
+        return str(path)
 
     def _show(self, path: Path) -> None:
         if path.suffix in SHOWN and path.is_file():
@@ -256,9 +275,16 @@ def view_box(canvas) -> str:
     return f"{box.xMinimum():.8f},{box.yMinimum():.8f},{box.xMaximum():.8f},{box.yMaximum():.8f}"
 
 
-def vector_file_of(layer: QgsVectorLayer | None) -> str:
-    """Return the file that a vector layer shows; empty where it is none, or where it is one of several layers in it."""
-    if layer is None or layer.dataProvider() is None or layer.dataProvider().name() != "ogr":
-        return ""
-    path = layer.source().split("|", 1)[0]
-    return path if Path(path).is_file() and layer.subsetString() == "" else ""
+def write_area(layer: QgsVectorLayer, path: Path) -> None:
+    """Write a polygon layer (its selection, where there is one) as GeoJSON in degrees; ``OSError`` where that fails.
+
+    So any layer will do: of a database, in memory, filtered, in any coordinate system.
+    """
+    options = QgsVectorFileWriter.SaveVectorOptions()
+    options.driverName = "GeoJSON"
+    options.onlySelectedFeatures = layer.selectedFeatureCount() > 0
+    transforms = QgsProject.instance().transformContext()
+    options.ct = QgsCoordinateTransform(layer.crs(), QgsCoordinateReferenceSystem(WGS84), transforms)
+    error, words, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(layer, str(path), transforms, options)
+    if error != QgsVectorFileWriter.WriterError.NoError:
+        raise OSError(words or f"{path} cannot be written")

@@ -8,8 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from qgis.core import QgsApplication, QgsMapLayerType
-from qgis.gui import QgsMapCanvas
-from qgis.PyQt.QtCore import QCoreApplication, QObject, Qt, QUrl
+from qgis.PyQt.QtCore import QCoreApplication, Qt, QUrl
 from qgis.PyQt.QtGui import QDesktopServices, QIcon
 from qgis.PyQt.QtWidgets import QAction, QDockWidget
 
@@ -74,6 +73,8 @@ class PhotomapPlugin:
             self._undo.append(lambda: QCoreApplication.removeTranslator(translator))
         messages = Messages(self._iface)
         engine = Engine()
+        engine.said.connect(messages.log)
+        engine.ended.connect(messages.log)  # whoever waited for it says so in the message bar
         self._undo.append(engine.shutdown)
         self.context = Context(self._iface, engine, messages, self.open_dock)
         self._add_options()
@@ -100,7 +101,7 @@ class PhotomapPlugin:
     def open_dock(self, key: str) -> QDockWidget:
         """Show a dock of the table, made now if it was not there yet, and return it."""
         dock = self.dock(key)
-        dock.setUserVisible(True) if hasattr(dock, "setUserVisible") else dock.show()
+        dock.show()
         dock.raise_()
         return dock
 
@@ -197,19 +198,3 @@ class PhotomapPlugin:
         self._undo.append(take)
         self._actions[key] = action
         return action
-
-
-def release_tool(canvas: QgsMapCanvas, tool) -> None:
-    """Take a map tool off the canvas, where it is the active one."""
-    if canvas.mapTool() is tool:
-        canvas.unsetMapTool(tool)
-
-
-def disconnect_all(connections: list[tuple[QObject, str, Callable]]) -> None:
-    """Undo connections noted as (sender, name of the signal, slot); a sender that is gone took its own along."""
-    while connections:
-        sender, signal, slot = connections.pop()
-        try:
-            getattr(sender, signal).disconnect(slot)
-        except (RuntimeError, TypeError):
-            continue

@@ -5,9 +5,10 @@ Nothing is registered again. The pictures are read once more, to draw the map wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -212,10 +213,7 @@ def _with_picks(
     if apart.min() < MIN_PICKS_APART_PX * trajectory.gsd_m_per_px:
         raise UsageError("two picks lie at the same place of the map: pick places far apart")
     names = {p.name for p in (*control.points, *control.picks)}
-    fresh = {
-        check: (f"{word}-{n}" for n in range(1, 10**6) if f"{word}-{n}" not in names)
-        for check, word in ((False, "pick"), (True, "check"))
-    }
+    fresh = {False: _names("pick", names), True: _names("check", names)}
     added = tuple(
         ControlPoint(
             next(fresh[p.check]), WGS84, p.lon_deg, p.lat_deg,
@@ -228,6 +226,10 @@ def _with_picks(
     if not solved.georeferenced and len(control.picks) + len(control.points) - len(checks_of(control)) < 2:
         raise UsageError("one pick cannot place a map: give two or more --pick X,Y=LAT,LON, far apart")
     return control
+
+
+def _names(word: str, taken: set[str]) -> Iterator[str]:
+    return (f"{word}-{n}" for n in count(1) if f"{word}-{n}" not in taken)
 
 
 def _seen_at(trajectory: Trajectory, xy_map: FloatArray, pick: Pick) -> tuple[Sighting, ...]:

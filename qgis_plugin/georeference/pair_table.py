@@ -67,7 +67,7 @@ class PairTable(QTableWidget):
         self.changed.emit()
 
     def place(self, *, map_xy: tuple[float, float] | None = None, lonlat: tuple[float, float] | None = None) -> None:
-        """Fill the open side of the last pair, or begin a new pair; a second click on a side mends it while it is open."""
+        """Fill a side of the last pair, or begin a new one where both sides are known."""
         pairs = list(self.pairs)
         if not pairs or pairs[-1].whole:
             pairs.append(Pair())

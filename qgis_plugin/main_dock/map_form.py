@@ -102,7 +102,9 @@ class MapForm(QWidget):
         for box in (self.dem, self.reference):
             layer = box.currentLayer()
             if layer is not None and not file_of(layer):
-                return tr("The layer “{}” is no file on this machine: export it as a GeoTIFF first.").format(layer.name())
+                return tr("The layer “{}” is no file on this machine: export it as a GeoTIFF first.").format(
+                    layer.name()
+                )
         return ""
 
     def _propose(self) -> None:
@@ -165,4 +167,3 @@ def free_folder(parent: Path, name: str) -> Path:
     if not (parent / name).exists():
         return parent / name
     return next(parent / f"{name}-{n}" for n in range(2, 10**6) if not (parent / f"{name}-{n}").exists())
-
