@@ -92,9 +92,10 @@ class ExportDialog(QDialog):
         self.jobs.done.connect(self._done)
         self.jobs.failed.connect(self._failed)
         self.jobs.cancelled.connect(self._judge)
-        buttons = QDialogButtonBox.StandardButton
-        self.buttons = QDialogButtonBox(buttons.Ok | buttons.Close, self)
-        self.buttons.button(buttons.Ok).setText(tr("&Export"))
+        self.buttons = QDialogButtonBox(
+            QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Close, self
+        )
+        self.buttons.button(QDialogButtonBox.StandardButton.Ok).setText(tr("&Export"))
         self.buttons.accepted.connect(self.start)
         self.buttons.rejected.connect(self.close)
         self.formats.itemChanged.connect(lambda _: self._judge())

@@ -8,16 +8,15 @@ from importlib import import_module
 from pathlib import Path
 
 from qgis.core import QgsApplication, QgsMapLayerType
-from qgis.PyQt.QtCore import QCoreApplication, Qt, QUrl
-from qgis.PyQt.QtGui import QDesktopServices, QIcon
-from qgis.PyQt.QtWidgets import QAction, QDockWidget
+from qgis.PyQt.QtCore import QCoreApplication, Qt
+from qgis.PyQt.QtGui import QIcon
+from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget
 
 from .messages import Messages
 from .translation import install_translator, tr
 
 HERE = Path(__file__).parent
 ICON = HERE / "icon.svg"
-HELP = HERE / "help" / "index.html"
 MENU = "photomap"
 
 
@@ -29,6 +28,7 @@ class Context:
     engine: object
     messages: Messages
     open_dock: Callable[[str], QDockWidget]
+    show_help: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class PhotomapPlugin:
         self._undo: list[Callable[[], None]] = []
         self._docks: dict[str, QDockWidget] = {}
         self._actions: dict[str, QAction] = {}
+        self._help: QDialog | None = None
         self.context: Context | None = None
 
     def initGui(self) -> None:
@@ -76,7 +77,7 @@ class PhotomapPlugin:
         engine.said.connect(messages.log)
         engine.ended.connect(messages.log)  # whoever waited for it says so in the message bar
         self._undo.append(engine.shutdown)
-        self.context = Context(self._iface, engine, messages, self.open_dock)
+        self.context = Context(self._iface, engine, messages, self.open_dock, self.show_help)
         self._add_options()
         self.initProcessing()
         self._add_actions()
@@ -95,6 +96,10 @@ class PhotomapPlugin:
             self._close_dock(key)
         while self._undo:
             self._undo.pop()()
+        if self._help is not None:
+            self._help.close()
+            self._help.deleteLater()
+            self._help = None
         self._actions.clear()
         self.context = None
 
@@ -118,6 +123,15 @@ class PhotomapPlugin:
             dock.visibilityChanged.connect(self._actions[key].setChecked)
             self._docks[key] = dock
         return self._docks[key]
+
+    def show_help(self) -> None:
+        """Show the help page."""
+        from .help_window import HelpWindow
+
+        if self._help is None:
+            self._help = HelpWindow(self._iface.mainWindow())
+        self._help.show()
+        self._help.raise_()
 
     def _close_dock(self, key: str) -> None:
         dock = self._docks.pop(key)
@@ -159,7 +173,7 @@ class PhotomapPlugin:
         action = self._add_action("options", tr("Settings…"))
         action.triggered.connect(lambda: self._iface.showOptionsDialog(window, currentPage="photomapOptions"))
         action = self._add_action("help", tr("Help"))
-        action.triggered.connect(lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(HELP))))
+        action.triggered.connect(lambda: self.show_help())
 
     def _add_imagery_actions(self, bar) -> None:
         from .imagery import ImageryTools

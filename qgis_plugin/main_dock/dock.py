@@ -6,8 +6,7 @@ from pathlib import Path
 
 from qgis.core import QgsProject
 from qgis.gui import QgsCollapsibleGroupBox
-from qgis.PyQt.QtCore import Qt, QUrl
-from qgis.PyQt.QtGui import QDesktopServices
+from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtWidgets import (
     QDockWidget,
     QFileDialog,
@@ -59,7 +58,7 @@ class MainDock(QDockWidget):
         self.help_link = QLabel(f'<a href="help">{tr("Help")}</a>', self)
         self.help_link.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse
                                                | Qt.TextInteractionFlag.LinksAccessibleByKeyboard)  # fmt: skip
-        self.help_link.linkActivated.connect(open_help)
+        self.help_link.linkActivated.connect(lambda _: context.show_help())
         self.form.changed.connect(self._judge)
         self._lay_out()
         self._judge()
@@ -198,9 +197,3 @@ class MainDock(QDockWidget):
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setWidget(inside)
         self.setWidget(scroll)
-
-
-def open_help(*_: object) -> None:
-    """Show the plugin's help page in the browser."""
-    page = Path(__file__).parents[1] / "help" / "index.html"
-    QDesktopServices.openUrl(QUrl.fromLocalFile(str(page)))

@@ -1,5 +1,6 @@
 """Replace imagery, in the tree and in the layer, and back; swipe; what has changed."""
 
+import json
 import shutil
 
 import pytest
@@ -7,7 +8,7 @@ from osgeo import gdal
 from qgis.core import QgsCoordinateReferenceSystem, QgsProject, QgsRasterLayer
 from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtTest import QTest
-from window import context, role_layers, said, window  # noqa: F401
+from window import role_layers
 
 from qgis_plugin.imagery import ImageryTools
 from qgis_plugin.layers import add_mission, whole
@@ -181,9 +182,7 @@ def test_swiping_nothing_says_what_to_do(tools, said, window):
     assert said[-1][0] == "warn"
 
 
-def test_what_has_changed_is_asked_of_the_engine_and_shown(
-    tools, context, said, window, project, own, stale, tmp_path
-):
+def test_what_has_changed_is_asked_of_the_engine_and_shown(tools, context, said, window, project, own, stale, tmp_path):
     whole(add_mission(read_mission(own), project))
     window.active = role_layers()["map"]
     window.bridge.setCanvasLayers()
@@ -197,8 +196,9 @@ def test_what_has_changed_is_asked_of_the_engine_and_shown(
     assert job.arguments["old"].endswith("grey.tif")
     assert job.arguments["new"] == str(own / "map.tif")
     areas = tmp_path / "change.geojson"
-    areas.write_text('{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"score": 0.9}, '
-                     '"geometry": {"type": "Polygon", "coordinates": [[[8,53],[8.1,53],[8.1,53.1],[8,53]]]}}]}')  # fmt: skip
+    ring = [[8.0, 53.0], [8.1, 53.0], [8.1, 53.1], [8.0, 53.0]]
+    area = {"type": "Feature", "properties": {"score": 0.9}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    areas.write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
     shutil.copy(tmp_path / "grey.tif", tmp_path / "change.tif")
     outputs = [str(tmp_path / "change.tif"), str(areas)]
     job.finished.emit({"outputs": outputs, "areas": 1, "changed_m2": 12.0, "warnings": []})

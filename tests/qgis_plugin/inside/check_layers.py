@@ -1,4 +1,4 @@
-"""A mission as layers: which, where in the tree, how they look, and that they follow what the engine does to the files."""
+"""A mission as layers: which, where in the tree, how they look, and that they follow when the files change."""
 
 import json
 import shutil
@@ -7,7 +7,7 @@ import pytest
 from osgeo import gdal, osr
 from qgis.core import QgsMapRendererParallelJob, QgsMapSettings, QgsProject
 from qgis.PyQt.QtCore import QSize
-from window import role_layers, window  # noqa: F401
+from window import role_layers
 
 from qgis_plugin.layers import add_mission, map_layers, mission_group, whole
 from qgis_plugin.mission import MissionError, read_mission
@@ -42,9 +42,9 @@ def picture(layer, size=80):
 
 
 def test_a_mission_is_a_tidy_group_with_date_and_accuracy_in_its_name(window, own):
-    (own / "finds.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"name": "tent"}, "geometry": {"type": "Point", "coordinates": [8.648, 53.167]}}
-    ]}))  # fmt: skip
+    place = {"type": "Point", "coordinates": [8.648, 53.167]}
+    find = {"type": "Feature", "properties": {"name": "tent"}, "geometry": place}
+    (own / "finds.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [find]}))
     found = read_mission(own)
     group = whole(add_mission(found, QgsProject.instance()))
     assert group.name() == found.title

@@ -8,7 +8,7 @@ from qgis.core import QgsProject, QgsRasterLayer, QgsVectorLayer
 from qgis.PyQt.QtCore import QMimeData, QPointF, Qt, QUrl
 from qgis.PyQt.QtGui import QDropEvent
 from qgis.PyQt.QtWidgets import QApplication
-from window import context, role_layers, said, window  # noqa: F401
+from window import role_layers
 
 from qgis_plugin.engine import Engine
 from qgis_plugin.main_dock.dock import MainDock
@@ -126,12 +126,17 @@ def test_progress_has_stage_rate_and_time_left(dock, context, flight):
     assert dock.start_button.isEnabled()
 
 
-def test_a_finished_map_is_added_after_its_track_was_written(dock, context, said, window, mission, tmp_path, wait_until):
+def test_a_finished_map_is_added_after_its_track_was_written(
+    dock, context, said, window, mission, tmp_path, wait_until
+):
     own = shutil.copytree(mission, tmp_path / "own")
     dock.form.sources.add([str(own)])
     dock.start()
     context.engine.last.finished.emit({**REPORT, "mission": str(own)})
-    assert (context.engine.last.kind, context.engine.last.arguments) == ("export", {"mission": str(own), "vectors": True})
+    assert (context.engine.last.kind, context.engine.last.arguments) == (
+        "export",
+        {"mission": str(own), "vectors": True},
+    )
     assert not role_layers(), "not before the track is there"
     context.engine.last.finished.emit({"outputs": []})
     wait_until(lambda: len(role_layers()) == 8, "all layers")
@@ -199,7 +204,9 @@ def test_export_asks_for_formats_area_and_crs(dock, context, window, mission, tm
     shutil.copy(own / "map.tif", own / "exports" / "map.tif")
     job.finished.emit({"outputs": [str(own / "exports" / "map.tif")], "files": [{"note": "packed with loss"}]})
     assert said == [("info", "Written: map.tif"), ("warn", "packed with loss")]
-    assert [layer.source() for layer in QgsProject.instance().mapLayersByName("map")] == [str(own / "exports" / "map.tif")]
+    assert [layer.source() for layer in QgsProject.instance().mapLayersByName("map")] == [
+        str(own / "exports" / "map.tif")
+    ]
 
 
 def test_burning_into_old_imagery_is_a_geotiff_on_its_grid(dock, context, mission, tmp_path):

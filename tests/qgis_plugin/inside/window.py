@@ -139,6 +139,3 @@ def role_layers(project=None):
     """The layers of the project by their role."""
     layers = (project or QgsProject.instance()).mapLayers().values()
     return {layer.customProperty("photomap/role"): layer for layer in layers if layer.customProperty("photomap/role")}
-
-
-__all__ = ["FakeEngine", "FakeJob", "Window", "context", "role_layers", "said", "window"]
