@@ -29,13 +29,23 @@ class Host:
         """Serve a mission folder; one that is served already keeps its name. ``PhotomapError`` where it cannot be."""
         folder = folder.absolute()
         with self._lock:
-            for mission in self._missions.values():
-                if mission.folder == folder and before is None:
-                    return mission
-            id = str(self._count + 1)
-            self._missions[id] = mission = ServedMission(id, folder, self._open_view, before)
+            if before is None and (served := self._served(folder)) is not None:
+                return served
             self._count += 1
+            id = str(self._count)
+        mission = ServedMission(id, folder, self._open_view, before)  # not under the lock: it reads many files
+        with self._lock:
+            if before is None and (served := self._served(folder)) is not None:
+                mission.close()  # somebody else was quicker
+                return served
+            self._missions[id] = mission
             return mission
+
+    def close_mission(self, id: str) -> None:
+        """Serve a mission no longer; ``KeyError`` where there is none of that name."""
+        with self._lock:
+            mission = self._missions.pop(id)
+        mission.close()
 
     def get(self, id: str | None) -> ServedMission:
         """Return a mission, the first one for ``None``; ``KeyError`` where there is none."""
@@ -43,6 +53,9 @@ class Host:
             if id is None:
                 id = next(iter(self._missions), "")
             return self._missions[id]
+
+    def _served(self, folder: Path) -> ServedMission | None:
+        return next((m for m in self._missions.values() if m.folder == folder and m.before is None), None)
 
     def all(self) -> list[ServedMission]:
         """Return every mission."""
