@@ -133,7 +133,10 @@ class AreaTool(QgsMapTool):
         if event.button() != Qt.MouseButton.LeftButton:
             return
         if self._dragged is not None:
-            self._dragged = None
+            place, corner, self._dragged = self._place(event), self._dragged, None
+            if place is not None:
+                self._corners[corner] = place
+            self._redraw()
             self.shape_changed.emit()
             return
         if self._closed:
@@ -239,7 +242,8 @@ class AreaTool(QgsMapTool):
         )
 
     def _to_wgs84(self, point: QgsPointXY) -> QgsPointXY:
-        return self._transform().transform(point, QgsCoordinateTransform.TransformDirection.ReverseTransform)
+        crs = self._canvas.mapSettings().destinationCrs()
+        return QgsCoordinateTransform(crs, QgsCoordinateReferenceSystem(WGS84), QgsProject.instance()).transform(point)
 
     def _place(self, event) -> QgsPointXY | None:
         try:

@@ -26,7 +26,6 @@ from ..translation import tr
 from .area_tool import AreaTool
 from .features import Taken, UnusableLayerError, every, selected
 from .form import PlannerForm, UnusableFieldError
-from .jobs import job_starter
 from .layers import by_layer, place_feature, plan_overlay
 from .point_tool import PointTool
 from .preview import Preview
@@ -54,12 +53,13 @@ class PlannerDock(QDockWidget):
         self._messages = context.messages
         self._iface = context.iface
         self._canvas = context.iface.mapCanvas()
-        self._start = job_starter(context, self)
+        self._start = context.engine.start
         self._taken: Taken | None = None
         self._home: tuple[float, float] | None = None
         self._datum: tuple[float, float] | None = None
         self._facts: dict | None = None
         self._asked_cameras = False
+        self._released = False
         self._saving: object | None = None
         self._before_tool = None
         self.overlay = plan_overlay()
@@ -76,6 +76,7 @@ class PlannerDock(QDockWidget):
 
     def release(self) -> None:
         """Give back map tools, rubber bands, layers, jobs and files."""
+        self._released = True
         QgsProject.instance().readProject.disconnect(self._project_read)
         QgsProject.instance().cleared.disconnect(self._project_cleared)
         if self._saving is not None:
@@ -162,6 +163,7 @@ class PlannerDock(QDockWidget):
         self.preview.failed.connect(self._failed)
         self.preview.busy.connect(self.bar.setVisible)
         self.vehicle.upload_wanted.connect(self._upload)
+        self.vehicle.stands_at.connect(lambda lat, lon: self._home_picked(lon, lat))
         QgsProject.instance().readProject.connect(self._project_read)
         QgsProject.instance().cleared.connect(self._project_cleared)
 
@@ -320,7 +322,17 @@ class PlannerDock(QDockWidget):
         self._asked_cameras = True
         job = self._start("cameras", {})
         if job is not None:
-            job.finished.connect(lambda result: self.form.set_cameras(result.get("cameras", [])))
+            job.finished.connect(self._cameras_known)
+            job.failed.connect(self._no_cameras)
+
+    def _cameras_known(self, result: dict) -> None:
+        if not self._released:
+            self.form.set_cameras(result.get("cameras", []))
+
+    def _no_cameras(self, words: str) -> None:
+        self._asked_cameras = False
+        if not self._released:
+            self._messages.log(words)  # the plan's job says the same, aloud
 
     def showEvent(self, event) -> None:
         """Fill the list of cameras when the dock is seen for the first time."""
@@ -356,6 +368,8 @@ class PlannerDock(QDockWidget):
         job.failed.connect(lambda message: self._written(lambda: self._messages.fail(message)))
 
     def _written(self, tell) -> None:
+        if self._released:
+            return
         self._saving = None
         self.save_button.setEnabled(self._facts is not None)
         tell()

@@ -61,12 +61,12 @@ def report_words(report: dict) -> str:
         "unknown": tr("Unknown: the vehicle did not answer. Do not fly before its mission was read."),
     }.get(report.get("outcome", ""), "")
     holds = {
-        "previous": tr("The vehicle holds what it held before."),
         "mixed": tr("The vehicle holds a mixture: do not fly, put back what was there."),
     }.get(report.get("holds", ""), "")
     parts = [outcome, report.get("message", "")]
     if report.get("outcome") not in ("verified", "restored"):
         parts.append(holds)
+    # of "refused" and "unknown" the message says what the vehicle holds, as far as that is known
     if report.get("outcome") == "verified":
         parts = [outcome, tr("{} items.").format(report.get("items", 0))]
     if report.get("saved_previous"):

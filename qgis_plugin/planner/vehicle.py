@@ -36,10 +36,12 @@ USUAL = ("udpin:0.0.0.0:14550", "tcp:127.0.0.1:5760", "udpin:0.0.0.0:14540", "tc
 class VehiclePanel(QWidget):
     """Connection, upload, download, status; ``start`` begins an engine's job, ``messages`` speaks to the user.
 
-    ``upload_wanted`` asks the dock for the plan: it answers by ``upload(path)``, or says why it cannot.
+    ``upload_wanted`` asks the dock for the plan: it answers by ``upload(path)``, or says why it cannot. ``stands_at`` is
+    the vehicle's latitude and longitude in degrees, sent when the user wants to take off there.
     """
 
     upload_wanted = pyqtSignal()
+    stands_at = pyqtSignal(float, float)
 
     def __init__(self, start: Callable[[str, dict], object], messages, kept_folder: Path, scratch: Path) -> None:
         super().__init__()
@@ -49,11 +51,13 @@ class VehiclePanel(QWidget):
         self._doing = ""
         self._previous = ""
         self._number = 0
+        self._released = False
         self.overlay = stored_overlay()
         self._build()
 
     def release(self) -> None:
         """Stop what runs and take the layers away."""
+        self._released = True
         if self._job is not None:
             self._job.cancel()
             self._job = None
@@ -89,11 +93,15 @@ class VehiclePanel(QWidget):
         self.upload_button = _button(tr("&Upload the plan"), "upload", self.upload_wanted.emit)
         self.stored_button = _button(tr("Show its &mission"), "stored", self.show_stored)
         self.status_button = _button(tr("How &is it?"), "status", self.show_status)
+        self.here_button = _button(tr("Take off &where it stands"), "here", self.take_off_here)
         self.restore_button = _button(tr("&Put back what was there"), "restore", self.put_back)
         self.cancel_button = _button(tr("Stop"), "cancel", self.cancel)
         for at, button in enumerate(
-            (self.upload_button, self.stored_button, self.status_button, self.restore_button, self.cancel_button)
-        ):
+            (
+                self.upload_button, self.stored_button, self.status_button, self.here_button, self.restore_button,
+                self.cancel_button,
+            )
+        ):  # fmt: skip
             buttons.addWidget(button, at // 2, at % 2)
         column.addLayout(buttons)
         self.bar = QProgressBar()
@@ -147,6 +155,10 @@ class VehiclePanel(QWidget):
         """Ask the vehicle how it is."""
         self._run("vehicle", self._link(), tr("Asking the vehicle…"), self._looked)
 
+    def take_off_here(self) -> None:
+        """Make the vehicle's place the take-off place of the plan."""
+        self._run("vehicle", self._link(), tr("Asking the vehicle…"), self._looked_for_home)
+
     def cancel(self) -> None:
         """Stop; an upload first brings the vehicle to a known state."""
         if self._job is not None:
@@ -184,18 +196,22 @@ class VehiclePanel(QWidget):
         job.finished.connect(lambda result: self._end(lambda: done(result)))
         job.failed.connect(lambda message: self._end(lambda: self._failed(job, message)))
 
-    def _progress(self, stage: str, done: float, total: float) -> None:
+    def _progress(self, stage: str, done: float, total: float, *_) -> None:
+        if self._released:
+            return
         self.bar.setMaximum(max(int(total), 1))
         self.bar.setValue(int(done))
         self.words.setText(f"{self._doing} {stage}")
 
     def _end(self, tell: Callable[[], None]) -> None:
+        if self._released:
+            return
         self._job = None
         self._set_busy(False)
         tell()
 
     def _set_busy(self, busy: bool) -> None:
-        for button in (self.upload_button, self.stored_button, self.status_button):
+        for button in (self.upload_button, self.stored_button, self.status_button, self.here_button):
             button.setEnabled(not busy)
         self.restore_button.setEnabled(not busy and bool(self._previous))
         self.cancel_button.setEnabled(busy)
@@ -240,6 +256,14 @@ class VehiclePanel(QWidget):
         lat, lon = state.get("lat_deg"), state.get("lon_deg")
         if lat is not None and lon is not None:
             self.overlay.set_features("vehicle", [place_feature("vehicle", (lat, lon), str(state.get("mode", "")))])
+
+
+    def _looked_for_home(self, state: dict) -> None:
+        self._looked(state)
+        if state.get("lat_deg") is None or not (state["lat_deg"] or state["lon_deg"]):
+            self._messages.fail(tr("The vehicle does not know where it is yet: wait for its GPS."))
+            return
+        self.stands_at.emit(state["lat_deg"], state["lon_deg"])
 
 
 def status_words(state: dict) -> str:
