@@ -151,7 +151,9 @@ def zoom_to(layer: QgsMapLayer, canvas) -> None:
     settings = canvas.mapSettings()
     extent = layer.extent()
     if layer.crs().isValid() and settings.destinationCrs().isValid():
-        change = QgsCoordinateTransform(layer.crs(), settings.destinationCrs(), QgsProject.instance().transformContext())
+        change = QgsCoordinateTransform(
+            layer.crs(), settings.destinationCrs(), QgsProject.instance().transformContext()
+        )
         extent = change.transformBoundingBox(extent)
     extent = QgsRectangle(extent)
     extent.scale(1.1)

@@ -130,6 +130,6 @@ def _number(text: str | None) -> float | None:
 
 def _moment(text: str | None) -> datetime | None:
     try:
-        return datetime.strptime(text or "", "%Y:%m:%d %H:%M:%S").replace(tzinfo=timezone.utc)  # noqa: UP017
+        return datetime.strptime(text or "", "%Y:%m:%d %H:%M:%S").replace(tzinfo=timezone.utc)
     except ValueError:
         return None

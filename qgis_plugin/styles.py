@@ -144,9 +144,7 @@ def _steps(layer: QgsRasterLayer, band: int, tops: Sequence[float], words: Seque
 def _shade(layer: QgsRasterLayer, band: int, kind, values: Sequence[float], words: Sequence[str]) -> None:
     function = QgsColorRampShader(values[0], values[-1])
     function.setColorRampType(kind)
-    items = [
-        QgsColorRampShader.ColorRampItem(v, QColor(c), w) for v, c, w in zip(values, RAMP, words)  # noqa: B905
-    ]
+    items = [QgsColorRampShader.ColorRampItem(v, QColor(c), w) for v, c, w in zip(values, RAMP, words)]
     function.setColorRampItemList(items)
     shader = QgsRasterShader()
     shader.setRasterShaderFunction(function)
@@ -154,7 +152,7 @@ def _shade(layer: QgsRasterLayer, band: int, kind, values: Sequence[float], word
 
 
 def _clock(seconds: float, span_s: float) -> str:
-    moment = datetime.fromtimestamp(seconds, tz=timezone.utc)  # noqa: UP017
+    moment = datetime.fromtimestamp(seconds, tz=timezone.utc)
     return moment.strftime("%Y-%m-%d %H:%M UTC" if span_s > 86_400 else "%H:%M:%S UTC")
 
 

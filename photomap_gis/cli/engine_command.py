@@ -35,7 +35,7 @@ def command(port: int, stay: bool) -> None:
     token = new_token()
     server = BoundServer("127.0.0.1", port)
     access = Access(token, loopback_only=True, cookie=f"photomap-{server.port}")
-    app = create_engine(Host(open_view), Jobs(job_command), access)
+    app = create_engine(Host(open_view), Jobs(job_command), access, on_stop=server.stop)
 
     def ready() -> None:
         click.echo(EngineReadyDocument(port=server.port, token=token).model_dump_json())

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -34,11 +35,16 @@ _MOST_MISSIONS = 64
 M = TypeVar("M", bound=BaseModel)
 
 
-def create_engine(host: Host, jobs: Jobs, access: Access, *, watch_s: float = 1.0) -> Starlette:
-    """Return the application; its end is the end of its jobs. ``access`` must ask for a token: jobs write files."""
+def create_engine(
+    host: Host, jobs: Jobs, access: Access, *, on_stop: Callable[[], None] = lambda: None, watch_s: float = 1.0
+) -> Starlette:
+    """Return the application; its end is the end of its jobs. ``on_stop`` is called when a client asks for that.
+
+    ``access`` must ask for a token: jobs write files.
+    """
     if access.token is None or not access.loopback_only:
         raise ValueError("an engine answers on loopback only, and asks for a token")
-    engine = _Engine(host, jobs)
+    engine = _Engine(host, jobs, on_stop)
     routes = [
         Route("/api", engine.about, methods=["GET"]),
         Route("/commands", engine.commands, methods=["GET"]),
@@ -47,6 +53,7 @@ def create_engine(host: Host, jobs: Jobs, access: Access, *, watch_s: float = 1.
         Route("/jobs/{job}", engine.job, methods=["GET"]),
         Route("/jobs/{job}", engine.stop, methods=["DELETE"]),
         Route("/jobs/{job}/events", engine.events, methods=["GET"]),
+        Route("/stop", engine.end, methods=["POST"]),
         Route("/missions", engine.open_mission, methods=["POST"]),
         Route("/missions/{mission}", engine.close_mission, methods=["DELETE"]),
     ]
@@ -56,8 +63,8 @@ def create_engine(host: Host, jobs: Jobs, access: Access, *, watch_s: float = 1.
 class _Engine:
     """The handlers."""
 
-    def __init__(self, host: Host, jobs: Jobs) -> None:
-        self._host, self._jobs = host, jobs
+    def __init__(self, host: Host, jobs: Jobs, on_stop: Callable[[], None]) -> None:
+        self._host, self._jobs, self._on_stop = host, jobs, on_stop
 
     def about(self, request: Request) -> Response:
         document = EngineDocument(version=__version__, missions=self._host.ids, kinds=self._jobs.kinds, pid=os.getpid())
@@ -89,6 +96,9 @@ class _Engine:
         job = self._job(request)
         job.stop(at_once=request.query_params.get("force", "") in ("1", "true"))
         return _json(job.summary(), 202)
+
+    def end(self, request: Request) -> Response:
+        return Response(status_code=202, background=BackgroundTask(self._on_stop))
 
     async def events(self, request: Request) -> Response:
         history = self._job(request).history

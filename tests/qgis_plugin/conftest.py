@@ -33,10 +33,19 @@ TIMEOUT_S = 600
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Take in the files of checks."""
-    if file_path.parent == INSIDE and file_path.name.startswith("check_") and file_path.suffix == ".py":
+    """Take in the files of checks; one that is named on the command line comes by ``pytest_pycollect_makemodule``."""
+    if _is_checks(file_path) and not parent.session.isinitpath(file_path):
         return QgisFile.from_parent(parent, path=file_path)
     return None
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Keep pytest from importing a file of checks."""
+    return QgisFile.from_parent(parent, path=module_path) if _is_checks(module_path) else None
+
+
+def _is_checks(path: Path) -> bool:
+    return path.parent == INSIDE and path.name.startswith("check_") and path.suffix == ".py"
 
 
 class QgisFile(pytest.File):
@@ -131,7 +140,7 @@ def _run(path: Path, names: list[str], folder: Path) -> dict:
     report = folder / "report.xml"
     command = [
         str(SYSTEM_PYTHON), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "qgis_fixtures",
-        "-c", str(INSIDE / "pytest.ini"),
+        "-c", str(INSIDE / "qgis.ini"),
         "--rootdir", str(INSIDE), "--confcutdir", str(INSIDE), "--import-mode=importlib",
         f"--basetemp={folder / 'tmp'}", f"--junitxml={report}", *(f"{path}::{name}" for name in names),
     ]  # fmt: skip
