@@ -64,8 +64,7 @@ class Overlay:
         provider = layer.dataProvider()
         provider.truncate()
         if items:
-            text = json.dumps({"type": "FeatureCollection", "features": list(items)})
-            provider.addFeatures(QgsJsonUtils.stringToFeatureList(text, layer.fields()))
+            provider.addFeatures(_qgis_features(items, layer))
         layer.updateExtents()
         layer.triggerRepaint()
 
@@ -110,6 +109,18 @@ class Overlay:
         self._ids[spec.key] = layer.id()
         project.setDirty(was_dirty)  # nothing of the user's was changed
         return layer
+
+
+def _qgis_features(items: Features, layer: QgsVectorLayer) -> list:
+    """GeoJSON as QGIS's features, by C++: thousands take milliseconds. It reads properties by their order, not names."""
+    names = layer.fields().names()
+    ordered = [
+        {"type": "Feature", "geometry": f["geometry"], "properties": {n: f["properties"].get(n) for n in names}}
+        for f in items
+    ]
+    return QgsJsonUtils.stringToFeatureList(
+        json.dumps({"type": "FeatureCollection", "features": ordered}), layer.fields()
+    )
 
 
 def sweep() -> None:

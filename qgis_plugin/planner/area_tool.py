@@ -61,8 +61,10 @@ class AreaTool(QgsMapTool):
         self._canvas.destinationCrsChanged.disconnect(self._redraw)
         if self._canvas.mapTool() is self:
             self._canvas.unsetMapTool(self)
-        self._drop_handles()
-        self._canvas.scene().removeItem(self._band)
+        for item in (*self._handles, self._band):
+            self._canvas.scene().removeItem(item)
+        self._handles = []
+        self.deleteLater()
 
     @property
     def corners(self) -> tuple[tuple[float, float], ...]:
@@ -261,7 +263,7 @@ class AreaTool(QgsMapTool):
         points = list(self._corners)
         if not self._closed and self._cursor is not None:
             points.append(self._cursor)
-        self._drop_handles()
+        self._show_handles([])
         if not points:
             self._band.reset(QgsWkbTypes.GeometryType.PolygonGeometry)
             return
@@ -277,21 +279,21 @@ class AreaTool(QgsMapTool):
         self._band.setToGeometry(geometry, None)
         if (self._canvas.mapTool() is self or not self._closed) and len(self._corners) <= MOST_HANDLES:
             transform = self._transform()
-            for corner in self._corners:
-                self._handle(transform.transform(corner), QgsVertexMarker.IconType.ICON_BOX, 9)
-            for middle in self._middles() if self._closed else []:
-                self._handle(transform.transform(middle), QgsVertexMarker.IconType.ICON_CROSS, 7)
+            box, cross = QgsVertexMarker.IconType.ICON_BOX, QgsVertexMarker.IconType.ICON_CROSS
+            corners = [(transform.transform(p), box, 9) for p in self._corners]
+            middles = [(transform.transform(p), cross, 7) for p in (self._middles() if self._closed else [])]
+            self._show_handles([*corners, *middles])
 
-    def _handle(self, at: QgsPointXY, icon, size: int) -> None:
-        marker = QgsVertexMarker(self._canvas)
-        marker.setCenter(at)
-        marker.setIconType(icon)
-        marker.setIconSize(size)
-        marker.setColor(_LINE)
-        marker.setPenWidth(2)
-        self._handles.append(marker)
-
-    def _drop_handles(self) -> None:
-        for handle in self._handles:
-            self._canvas.scene().removeItem(handle)
-        self._handles = []
+    def _show_handles(self, wanted: list) -> None:
+        """Show marks at places of the map; marks are kept and used again, since a drag moves them all the time."""
+        while len(self._handles) < len(wanted):
+            marker = QgsVertexMarker(self._canvas)
+            marker.setColor(_LINE)
+            marker.setPenWidth(2)
+            self._handles.append(marker)
+        for marker, (at, icon, size) in zip(self._handles, wanted):
+            marker.setCenter(at)
+            marker.setIconType(icon)
+            marker.setIconSize(size)
+        for number, marker in enumerate(self._handles):
+            marker.setVisible(number < len(wanted))

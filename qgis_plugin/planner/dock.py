@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import html
 from dataclasses import replace
-from pathlib import Path
 
 from qgis.core import QgsGeometry, QgsPointXY, QgsProject
 from qgis.PyQt.QtCore import Qt
@@ -30,7 +31,7 @@ from .layers import by_layer, place_feature, plan_overlay
 from .point_tool import PointTool
 from .preview import Preview
 from .request import FROM_DATUM, NEED_A_LINE, PlanRequest
-from .result import summary_html, warnings_html
+from .result import in_the_docks_words, summary_html, warnings_html
 from .vehicle import VehiclePanel
 
 FILE_KINDS = (
@@ -100,10 +101,11 @@ class PlannerDock(QDockWidget):
                 "Then drag corners, or the crosses between them; a right click on a corner takes it away."
             )
         )
-        self.take_button = _button(tr("Take the selec&ted feature"), "take", self._take)
-        self.take_button.setToolTip(tr("Of the active layer, in any CRS"))
+        self.take_button = _button(tr("&Take selected"), "take", self._take)
+        self.take_button.setToolTip(tr("The selected features of the active layer, in any CRS"))
         self.home_button = _button(tr("Set ta&ke-off"), "home", self._pick_home, checkable=True)
-        self.datum_button = _button(tr("Set the search's datu&m"), "datum", self._pick_datum, checkable=True)
+        self.datum_button = _button(tr("Set datu&m"), "datum", self._pick_datum, checkable=True)
+        self.datum_button.setToolTip(tr("Where a search pattern begins"))
         self.clear_button = _button(tr("Clear"), "clear", self.clear)
         row.addWidget(self.draw_button, 0, 0)
         row.addWidget(self.take_button, 0, 1)
@@ -143,8 +145,8 @@ class PlannerDock(QDockWidget):
         area.setWidgetResizable(True)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(inner)
+        area.setMinimumWidth(inner.minimumSizeHint().width() + area.verticalScrollBar().sizeHint().width() + 4)
         self.setWidget(area)
-        self.setMinimumWidth(340)
 
     def _connect(self) -> None:
         self.form.changed.connect(self._edited)
@@ -195,8 +197,10 @@ class PlannerDock(QDockWidget):
         current = self._canvas.mapTool()
         if current in (self.tool, self.home_tool, self.datum_tool):
             self._canvas.unsetMapTool(current)
-            if self._before_tool is not None:
-                self._canvas.setMapTool(self._before_tool)
+            before, self._before_tool = self._before_tool, None
+            if before is not None:
+                with contextlib.suppress(RuntimeError):  # another plugin's tool, unloaded meanwhile
+                    self._canvas.setMapTool(before)
 
     def _take(self) -> None:
         lines = self.form.pattern.currentData() in NEED_A_LINE
@@ -313,7 +317,8 @@ class PlannerDock(QDockWidget):
 
     def _failed(self, message: str) -> None:
         self._no_plan("")
-        self.words.setText(message.replace("<", "&lt;"))
+        message = in_the_docks_words(message)
+        self.words.setText(html.escape(message))
         self._messages.fail(message)
 
     def _ask_cameras(self) -> None:
@@ -358,7 +363,6 @@ class PlannerDock(QDockWidget):
         request = self._request() if self._missing() is None else None
         if request is None or self._saving is not None:
             return
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
         job = self._start("plan", request.arguments(output=path))
         if job is None:
             return

@@ -119,9 +119,7 @@ def _taken(
             )
         geometries.append(geometry)
     if not geometries and not may_be_empty:
-        raise UnusableLayerError(
-            " ".join([*warnings, tr("Nothing is left of “{}” to fly over.").format(layer.name())])
-        )
+        raise UnusableLayerError(" ".join([*warnings, tr("Nothing is left of “{}” to fly over.").format(layer.name())]))
     return Taken(tuple(geometries), tuple(warnings))
 
 

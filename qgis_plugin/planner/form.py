@@ -43,6 +43,9 @@ class PlannerForm(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         for box in (self._what_box(), self._camera_box(), self._flight_box(), self._ground_box()):
             column.addWidget(box)
+        for combo in self.findChildren(QComboBox):  # a long name must not make the dock wide
+            combo.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+            combo.setMinimumContentsLength(8)
         self._connect()
         self._show_what_matters()
 

@@ -27,6 +27,7 @@ class PointTool(QgsMapTool):
         """Take the tool off the canvas."""
         if self._canvas.mapTool() is self:
             self._canvas.unsetMapTool(self)
+        self.deleteLater()
 
     def canvasReleaseEvent(self, event) -> None:
         """Hand the place over."""

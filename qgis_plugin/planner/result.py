@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 
 from ..translation import tr
 
@@ -48,8 +49,36 @@ def warnings_html(warnings: list[str]) -> str:
     """Return warnings as a list, empty where there is none."""
     if not warnings:
         return ""
-    items = "".join(f"<li>{html.escape(w)}</li>" for w in warnings)
+    items = "".join(f"<li>{html.escape(in_the_docks_words(w))}</li>" for w in warnings)
     return f'<ul style="margin-left:-22px;color:{AMBER}">{items}</ul>'
+
+
+def in_the_docks_words(text: str) -> str:
+    """Return the engine's words with the dock's names for what the command line calls ``--option``."""
+    names = {
+        "--avoid-margin": tr("margin"),
+        "--camera": tr("camera"),
+        "--corridor-width M": tr("“Width of the strip”"),
+        "--dem FILE": tr("an elevation layer"),
+        "--endurance-min": tr("“Battery”"),
+        "--fov-deg": tr("“Horizontal view”"),
+        "--front-overlap": tr("front overlap"),
+        "--geoid-m": tr("“Geoid's height”"),
+        "--dem-vertical": tr("“Heights are above”"),
+        "--gsd": tr("ground pixel"),
+        "--height": tr("height"),
+        "--home": tr("take-off place"),
+        "--inset": tr("“Never leave the area”"),
+        "--side-overlap": tr("side overlap"),
+        "--speed": tr("speed"),
+        "--target": tr("target"),
+        "--transit-height": tr("height on the way"),
+    }
+    return re.sub(r"--[a-z][a-z-]*(?: (?:FILE|M)\b)?", lambda found: _name(found.group(), names), text)
+
+
+def _name(option: str, names: dict[str, str]) -> str:
+    return names.get(option) or names.get(option.split()[0]) or option
 
 
 def report_words(report: dict) -> str:

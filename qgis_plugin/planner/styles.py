@@ -26,7 +26,7 @@ SORTIE_COLOURS = ("#1f5fbf", "#c2570c", "#17803d", "#8b2fa8", "#b01030", "#0e7c8
 """One a sortie, over again after the last; dark enough on imagery and on maps."""
 
 _OF_SORTIE = (
-    "array_get(array(" + ",".join(f"'{c}'" for c in SORTIE_COLOURS) + f"), (\"sortie\" - 1) % {len(SORTIE_COLOURS)})"
+    "array_get(array(" + ",".join(f"'{c}'" for c in SORTIE_COLOURS) + f'), ("sortie" - 1) % {len(SORTIE_COLOURS)})'
 )
 
 

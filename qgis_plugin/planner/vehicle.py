@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -36,8 +35,8 @@ USUAL = ("udpin:0.0.0.0:14550", "tcp:127.0.0.1:5760", "udpin:0.0.0.0:14540", "tc
 class VehiclePanel(QWidget):
     """Connection, upload, download, status; ``start`` begins an engine's job, ``messages`` speaks to the user.
 
-    ``upload_wanted`` asks the dock for the plan: it answers by ``upload(path)``, or says why it cannot. ``stands_at`` is
-    the vehicle's latitude and longitude in degrees, sent when the user wants to take off there.
+    ``upload_wanted`` asks the dock for the plan: it answers by ``upload(path)``, or says why it cannot. ``stands_at``
+    is the vehicle's latitude and longitude in degrees, sent when the user wants to take off there.
     """
 
     upload_wanted = pyqtSignal()
@@ -70,6 +69,8 @@ class VehiclePanel(QWidget):
         self.connection = QComboBox()
         self.connection.setEditable(True)
         self.connection.setObjectName("planner_connection")
+        self.connection.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.connection.setMinimumContentsLength(8)
         last = QgsSettings().value(_LAST, "", type=str)
         for url in dict.fromkeys(u for u in (last, *USUAL, *serial_ports()) if u):
             self.connection.addItem(url)
@@ -90,12 +91,19 @@ class VehiclePanel(QWidget):
         form.addRow(tr("Refuse above, beyond"), limits)
         column.addLayout(form)
         buttons = QGridLayout()
-        self.upload_button = _button(tr("&Upload the plan"), "upload", self.upload_wanted.emit)
+        self.upload_button = _button(tr("&Upload"), "upload", self.upload_wanted.emit)
         self.stored_button = _button(tr("Show its &mission"), "stored", self.show_stored)
-        self.status_button = _button(tr("How &is it?"), "status", self.show_status)
-        self.here_button = _button(tr("Take off &where it stands"), "here", self.take_off_here)
-        self.restore_button = _button(tr("&Put back what was there"), "restore", self.put_back)
+        self.status_button = _button(tr("&Status"), "status", self.show_status)
+        self.here_button = _button(tr("Take off &here"), "here", self.take_off_here)
+        self.restore_button = _button(tr("&Put back"), "restore", self.put_back)
         self.cancel_button = _button(tr("Stop"), "cancel", self.cancel)
+        for button, words in (
+            (self.upload_button, tr("Upload the chosen sortie, read it back, put the old mission back if it differs")),
+            (self.stored_button, tr("Read the mission that the vehicle holds, and show it on the map")),
+            (self.here_button, tr("Plan the take-off where the vehicle stands")),
+            (self.restore_button, tr("Give the vehicle the mission again that the last upload replaced")),
+        ):
+            button.setToolTip(words)
         for at, button in enumerate(
             (
                 self.upload_button, self.stored_button, self.status_button, self.here_button, self.restore_button,
@@ -127,9 +135,10 @@ class VehiclePanel(QWidget):
 
     def upload(self, plan: str) -> None:
         """Upload a .plan file; what the vehicle holds is kept first, where it stays when QGIS is closed."""
-        arguments = self._link() | {
+        arguments = {
+            **self._link(),
+            **self._keep(),
             "plan": plan,
-            "save_previous": self._kept_name(),
             "max_height": self.most_height.value(),
             "max_distance": self.most_distance.value(),
         }
@@ -137,7 +146,7 @@ class VehiclePanel(QWidget):
 
     def put_back(self) -> None:
         """Give the vehicle the mission again that the last upload replaced."""
-        arguments = self._link() | {"restore": self._previous, "save_previous": self._kept_name()}
+        arguments = {**self._link(), **self._keep(), "restore": self._previous}
         self._run("upload", arguments, tr("Putting back…"), self._uploaded)
 
     def show_stored(self) -> None:
@@ -146,7 +155,7 @@ class VehiclePanel(QWidget):
         path = self._scratch / f"stored-{self._number}.plan"
         self._run(
             "download",
-            self._link() | {"output": str(path)},
+            {**self._link(), "output": str(path)},
             tr("Reading the vehicle's mission…"),
             lambda result: self._downloaded(path, result),
         )
@@ -171,12 +180,18 @@ class VehiclePanel(QWidget):
     def _link(self) -> dict:
         return {"connect": self.connection.currentText().strip(), "timeout": ANSWER_WITHIN_S}
 
-    def _kept_name(self) -> str:
-        self._kept_folder.mkdir(parents=True, exist_ok=True)
+    def _keep(self) -> dict:
+        """Where what the vehicle holds is kept: a name that no earlier run has; beside the plan where that fails."""
+        try:
+            self._kept_folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            words = tr("{} cannot be made ({}): what the vehicle holds is kept in {} until QGIS closes.")
+            self._messages.warn(words.format(self._kept_folder, error.strerror, self._scratch))
+            return {}
         number = 1
         while (path := self._kept_folder / f"vehicle-before-{number:03d}.json").exists():
             number += 1
-        return str(path)
+        return {"save_previous": str(path)}
 
     def _run(self, kind: str, arguments: dict, doing: str, done: Callable[[dict], None]) -> None:
         if self._job is not None:
@@ -257,7 +272,6 @@ class VehiclePanel(QWidget):
         if lat is not None and lon is not None:
             self.overlay.set_features("vehicle", [place_feature("vehicle", (lat, lon), str(state.get("mode", "")))])
 
-
     def _looked_for_home(self, state: dict) -> None:
         self._looked(state)
         if state.get("lat_deg") is None or not (state["lat_deg"] or state["lon_deg"]):
@@ -270,11 +284,13 @@ def status_words(state: dict) -> str:
     """Return what ``photomap vehicle --json`` says in a line or two; what is not known is left out."""
     mission = state.get("mission") or {}
     parts = [
-        tr("Vehicle {number}: {autopilot} {version}").format(
+        tr("Vehicle {number}: {autopilot} {version}")
+        .format(
             number=state.get("system"),
             autopilot=state.get("autopilot") or tr("unknown autopilot"),
             version=state.get("version") or "",
-        ).strip(),
+        )
+        .strip(),
         f"{state.get('mode') or '?'}, {tr('ARMED') if state.get('armed') else tr('disarmed')}",
     ]
     for key, words, digits in (
@@ -286,7 +302,9 @@ def status_words(state: dict) -> str:
         if state.get(key) is not None:
             parts.append(words.format(f"{state[key]:.{digits}f}"))
     if mission.get("total") is not None:
-        parts.append(tr("mission item {current} of {total}").format(current=mission.get("current") or 0, total=mission["total"]))
+        parts.append(
+            tr("mission item {current} of {total}").format(current=mission.get("current") or 0, total=mission["total"])
+        )
     if state.get("text"):
         parts.append(f"“{state['text']}”")
     return ", ".join(parts)
@@ -296,7 +314,7 @@ def serial_ports() -> list[str]:
     """Return the serial ports where a telemetry radio may be, as connection strings."""
     if sys.platform == "win32":
         return ["serial:COM3:57600"]
-    found = [p for pattern in ("/dev/ttyUSB*", "/dev/ttyACM*", "/dev/cu.usb*") for p in sorted(glob.glob(pattern))]
+    found = [p for pattern in ("ttyUSB*", "ttyACM*", "cu.usb*") for p in sorted(Path("/dev").glob(pattern))]
     return [f"serial:{port}:57600" for port in found] or ["serial:/dev/ttyUSB0:57600"]
 
 

@@ -14,18 +14,16 @@ from qgis.core import QgsCoordinateReferenceSystem, QgsPointXY, QgsProject, QgsR
 from qgis.PyQt.QtCore import (
     QCoreApplication,
     QEvent,
-    QObject,
     QPoint,
     QPointF,
-    QProcess,
-    QProcessEnvironment,
     Qt,
-    pyqtSignal,
 )
 from qgis.PyQt.QtGui import QMouseEvent
 from qgis.PyQt.QtTest import QTest
 
+from qgis_plugin.engine import Engine
 from qgis_plugin.plugin import Context
+from qgis_plugin.settings import Settings
 
 SWISS = "EPSG:2056"
 FIELD = ((2668000, 1211000), (2668300, 1211000), (2668320, 1211220), (2668000, 1211200))
@@ -53,61 +51,16 @@ class Said:
         pass
 
 
-class CommandJob(QObject):
-    """A job as the engine's, by a process of its own."""
-
-    progress = pyqtSignal(str, float, float, float, float)
-    log = pyqtSignal(str)
-    finished = pyqtSignal(object)
-    failed = pyqtSignal(str)
-
-    def __init__(self, program: str, words: list[str], parent) -> None:
-        super().__init__(parent)
-        self.result = None
-        self.cancelled = False
-        self._process = QProcess(self)
-        environment = QProcessEnvironment.systemEnvironment()
-        environment.remove("PYTHONPATH")
-        self._process.setProcessEnvironment(environment)
-        self._process.finished.connect(self._ended)
-        self._process.start(program, words)
-
-    def cancel(self) -> None:
-        self.cancelled = True
-        self._process.kill()
-
-    def _ended(self, code: int, *_) -> None:
-        out = bytes(self._process.readAllStandardOutput()).decode()
-        words = bytes(self._process.readAllStandardError()).decode().strip()
-        self.result = json.loads(out) if out.strip() else None
-        if code == 0:
-            self.finished.emit(self.result)
-        else:
-            self.failed.emit(words.splitlines()[-1] if words else f"exit code {code}")
-
-
-class CommandEngine(QObject):
-    """Starts photomap's commands as the engine does; remembers them."""
+class RecordingEngine(Engine):
+    """The engine of this checkout; remembers what was asked of it."""
 
     def __init__(self, program: str) -> None:
-        super().__init__()
-        self._program = program
+        super().__init__(settings=lambda: Settings(engine_path=program))
         self.started: list[tuple[str, dict]] = []
-        self.jobs: list[CommandJob] = []
 
-    def start(self, kind: str, arguments: dict) -> CommandJob:
-        self.started.append((kind, arguments))
-        places, words = [], []
-        for name, value in arguments.items():
-            if name in ("area", "plan", "source"):
-                places.append(str(value))
-            elif value is True:
-                words.append(f"--{name.replace('_', '-')}")
-            else:
-                for one in value if isinstance(value, list) else [value]:
-                    words.append(f"--{name.replace('_', '-')}={one}")
-        self.jobs.append(CommandJob(self._program, [kind, "--json", *words, "--", *places], self))
-        return self.jobs[-1]
+    def start(self, kind, arguments, folder=""):
+        self.started.append((kind, dict(arguments)))
+        return super().start(kind, arguments, folder)
 
 
 class Hand:
@@ -177,9 +130,18 @@ def hand(canvas) -> Hand:
     return Hand(canvas)
 
 
+@pytest.fixture(scope="session")
+def shared_engine(program, qgis_app):
+    engine = RecordingEngine(program)
+    yield engine
+    engine.shutdown()
+
+
 @pytest.fixture
-def engine(program):
-    return CommandEngine(program)
+def engine(shared_engine):
+    """One engine for all checks of a file, as in QGIS."""
+    shared_engine.started.clear()
+    return shared_engine
 
 
 @pytest.fixture
