@@ -12,6 +12,8 @@ $(VENV)/.done: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet --editable '.[dev]'
+	# For QGIS's own Python (tests/qgis_plugin): our pytest must not see pytest-qgis, which needs QGIS at once.
+	$(BIN)/pip install --quiet --upgrade --target $(VENV)/qgis-tests 'pytest>=8' 'pytest-qgis>=2'
 	touch $@
 
 demo: setup

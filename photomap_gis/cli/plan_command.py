@@ -183,7 +183,8 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
 
 def _tell(written: list[Path], facts: dict[str, Any], as_json: bool, say: Callable[[dict[str, Any]], None]) -> None:
     if as_json:
-        click.echo(json.dumps(facts | {"files": [str(p) for p in written]}, indent=1, allow_nan=False))
+        files = [str(p) for p in written]
+        click.echo(json.dumps(facts | {"files": files, "outputs": files}, indent=1, allow_nan=False))
         return
     for path in written:
         click.echo(path)
