@@ -94,7 +94,7 @@ def create_app(
         Route("/wmts.xml", api.wmts),
         Route("/tiles/{z}/{x}/{y}.{format}", api.tile),
     ]
-    return Starlette(
+    app = Starlette(
         routes=routes,
         lifespan=lifespan,
         middleware=[Middleware(AccessMiddleware, access=access)],
@@ -105,6 +105,8 @@ def create_app(
             ClientDisconnect: lambda request, error: Response(status_code=400),
         },
     )
+    app.state.end_streams = host.close_streams  # see run.BoundServer
+    return app
 
 
 class _Api:

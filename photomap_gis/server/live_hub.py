@@ -183,6 +183,12 @@ class Views:
         self._newest: LivePicture | None = None
         self._changed = asyncio.Event()
         self._watchers = 0
+        self._closed = False
+
+    @property
+    def closed(self) -> bool:
+        """Whether there is nothing more to see."""
+        return self._closed
 
     async def after(self, sequence: int, timeout_s: float) -> LivePicture | None:
         """Return the newest picture once it is newer than ``sequence``; ``None`` where none comes in time."""
@@ -191,7 +197,7 @@ class Views:
             self._begin()
             loop = asyncio.get_running_loop()
             until = loop.time() + timeout_s
-            while (left := until - loop.time()) > 0:
+            while (left := until - loop.time()) > 0 and not self._closed:
                 if self._newest is not None and self._newest.sequence > sequence:
                     return self._newest
                 try:
@@ -204,13 +210,15 @@ class Views:
             asyncio.get_running_loop().call_later(_LINGER_S, self._end_if_alone)
 
     def close(self) -> None:
-        """Stop watching; in the loop."""
+        """Stop watching, and let nobody wait any more; in the loop."""
+        self._closed = True
+        self._changed.set()
         self._watchers = 0
         self._end_if_alone()
 
     def _begin(self) -> None:
         self._loop = asyncio.get_running_loop()
-        if self._stop is None:
+        if self._stop is None and not self._closed:
             self._newest = None
             self._stop = self._watch(self._came)
 
@@ -224,6 +232,8 @@ class Views:
             self._loop = None
 
     def _take(self, picture: LivePicture) -> None:
+        if self._closed:
+            return
         self._newest = picture
         self._changed.set()  # wakes all who wait; then the next picture is waited for
         self._changed.clear()

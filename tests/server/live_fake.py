@@ -197,7 +197,7 @@ class FakeSession:
         for _ in range(frames):
             self.frame += 1
             self.phase = LivePhase.FLYING
-            self.drift = self.drift @ Similarity2D(0.004, 0.002, 0.0)
+            self.drift = self.drift @ Similarity2D(0.05, 0.03, 0.0)
             T = self.drift @ self.truth(self.frame)
             placed = self.link is LinkState.OK
             lon, lat = self._lon_lat([self.truth(self.frame).translation])[0]
@@ -277,8 +277,8 @@ class FakeSession:
         if rest > lane_m:
             share = (rest - lane_m) / spacing_m
             y, heading = y - (rest - lane_m), heading * (1 - 2 * share) if share < 1 else -heading
-        wobble = 0.03 * math.sin(frame * 0.7)
-        return Similarity2D(x, y + 0.4 * math.sin(frame * 0.9), heading + wobble, math.log(self.gsd))
+        wobble = 0.03 * math.sin(frame * 0.7)  # the hand that flies it
+        return Similarity2D(x, y + 0.5 * math.sin(frame * 0.06), heading + wobble, math.log(self.gsd))
 
     def picture(self, frame: int) -> np.ndarray:
         """``(H, W, 3)`` BGR that the camera sees."""
