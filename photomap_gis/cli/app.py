@@ -20,6 +20,7 @@ COMMANDS = {
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, GeoPackage, ATAK, PDF ...",
     "graph": "Draw a mission's pose graph, or write it as GeoJSON or g2o.",
     "serve": "Show a mission's map in a browser; tiles and WMTS for QGIS and ArcGIS.",
+    "finds": "List a mission's finds, or write them as GeoJSON, KML, GPX, CoT.",
     "reference": "Lay a mission's map on existing imagery.",
     "compare": "Say what has changed between old imagery and a new map.",
     "package": "Pack a mission into one file for the incident commander.",
