@@ -49,6 +49,7 @@ class DockEntry:
 
 DOCKS: tuple[DockEntry, ...] = (
     DockEntry("map", "Photo map", ".main_dock.dock", "MainDock"),
+    DockEntry("planner", "Flight planner", ".planner.dock", "PlannerDock", "icons/planner.svg"),
     DockEntry("georeference", "Georeference", ".georeference.dock", "GeoreferenceDock", "icons/georeference.svg"),
 )
 """The registration table: one line a dock, in the order of the menu."""
