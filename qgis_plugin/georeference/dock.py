@@ -26,6 +26,7 @@ from ..main_dock.map_form import file_widget, raster_box
 from ..mission import MissionError, MissionFiles, read_mission
 from ..mission_box import MissionBox
 from ..places import PlaceError, from_lonlat, metres_between, to_lonlat
+from ..scrolling import narrow_no_further
 from ..stepwise import Stepwise
 from ..translation import tr
 from .map_view import MapView
@@ -328,6 +329,7 @@ class GeoreferenceDock(QDockWidget):
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setWidget(inside)
+        narrow_no_further(scroll)
         self.setWidget(scroll)
 
 

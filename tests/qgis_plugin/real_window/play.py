@@ -13,12 +13,13 @@ from pathlib import Path
 
 sys.path.insert(0, os.environ["PHOTOMAP_PLAY"])
 
-from qgis.core import QgsApplication, QgsProject, QgsRasterLayer
+from qgis.core import QgsApplication, QgsCoordinateTransform, QgsPointXY, QgsProject, QgsRasterLayer
 from qgis.PyQt.QtCore import QCoreApplication, QEvent, QTimer
 from qgis.PyQt.QtWidgets import QAction, QApplication, QDialog, QDialogButtonBox, QDockWidget, QToolBar
 from qgis.utils import iface, loadPlugin, plugins, startPlugin, unloadPlugin
 from stage import Stage, Until
 from stopwatch import Stopwatch
+from x_mouse import RIGHT
 
 FOLDER = Path(os.environ["PHOTOMAP_PLAY_OUT"])
 FLIGHT = Path(os.environ["PHOTOMAP_PLAY_FLIGHT"])
@@ -64,7 +65,7 @@ def census() -> dict:
         "bars": [b.objectName() for b in main.findChildren(QToolBar) if "photomap" in b.objectName()],
         "docks": [d.objectName() for d in main.findChildren(QDockWidget) if "photomap" in d.objectName()],
         "providers": [p.id() for p in QgsApplication.processingRegistry().providers() if p.id() == "photomap"],
-        "dialogs": [w.objectName() for w in QApplication.topLevelWidgets() if "photomap" in w.objectName()],
+        "windows": [w.objectName() for w in QApplication.topLevelWidgets() if "photomap" in w.objectName()],
         "canvas tool": type(iface.mapCanvas().mapTool()).__module__,
     }
 
@@ -148,23 +149,56 @@ def play(stage: Stage, watch: Stopwatch):
     yield stage.picture("7-exported")
     yield stage.click(wanted.buttons.button(QDialogButtonBox.StandardButton.Close))
 
-    for act in ACTS:
-        yield from act(stage, plugin)
+    yield from plan_and_upload(stage, plugin)
 
     stage.note(worst=watch.worst(), gaps_ms=sorted(watch.gaps_ms)[-5:], entries=len(watch.entries))
     sys.setprofile(None)
-    tool_before = canvas.mapTool()
+    iface.setActiveLayer(roles()["map"])
+    action_of("swipe").trigger()  # taken away with a tool of ours in hand
+    yield stage.pause()
     unloadPlugin("photomap")
     yield stage.pause(200)
-    stage.note(unloaded=census(), tool_left=canvas.mapTool() is tool_before)
+    stage.note(unloaded=census())
     loadPlugin("photomap")
     startPlugin("photomap")
     yield stage.pause(200)
     stage.note(reloaded=census())
 
 
-ACTS: list = []
-"""Parts of the play that others add: generator functions of the stage and the plugin."""
+def plan_and_upload(stage: Stage, plugin):
+    """An area drawn by the mouse, its flight, and the flight on the (simulated) vehicle."""
+    canvas = iface.mapCanvas()
+    yield stage.click(button_of("map"))  # away with it: room for the planner
+    yield stage.click(button_of("planner"))
+    yield Until(
+        lambda: plugin._docks.get("planner") is not None and plugin._docks["planner"].isVisible(), "the planner"
+    )
+    dock = plugin._docks["planner"]
+    yield stage.pause(300)
+    yield stage.click(dock.draw_button)
+    yield Until(lambda: canvas.mapTool() is dock.tool, "the drawing tool")
+    extent = roles()["map"].extent()
+    to_canvas = QgsCoordinateTransform(
+        roles()["map"].crs(), canvas.mapSettings().destinationCrs(), QgsProject.instance()
+    )
+    corners = [
+        to_canvas.transform(QgsPointXY(extent.xMinimum() + u * extent.width(), extent.yMinimum() + v * extent.height()))
+        for u, v in ((0.25, 0.25), (0.7, 0.3), (0.65, 0.75), (0.3, 0.7))
+    ]
+    for corner in corners:
+        stage.mouse.click(*stage.place(corner))
+        yield stage.pause(600)  # two clicks of one place would be a double click
+    stage.mouse.click(*stage.place(corners[-1]), RIGHT)
+    yield Until(lambda: dock.save_button.isEnabled(), "the plan", 60.0)
+    stage.note(drawn=len(dock.tool.corners), plan=dock.words.text(), covered=dock._facts["covered_share"])
+    yield stage.picture("8-planned")
+    dock.vehicle.most_height.setValue(200)
+    dock.vehicle.connection.setCurrentText(os.environ["PHOTOMAP_PLAY_VEHICLE"])
+    yield stage.click(dock.vehicle.upload_button)
+    yield Until(lambda: dock.vehicle._job is not None, "the upload")
+    yield Until(lambda: dock.vehicle._job is None, "the end of the upload", 60.0)
+    stage.note(uploaded=dock.vehicle.words.text())
+    yield stage.picture("9-uploaded")
 
 
 def begin() -> None:
@@ -174,7 +208,7 @@ def begin() -> None:
     def end() -> None:
         sys.setprofile(None)
         stage.save()
-        QgsProject.instance().setDirty(False)
+        QgsProject.instance().clear()  # else QGIS asks about layers in a temporary folder
         QTimer.singleShot(0, iface.actionExit().trigger)
 
     iface.mainWindow().setGeometry(0, 0, 1280, 860)

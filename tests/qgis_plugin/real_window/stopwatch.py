@@ -25,7 +25,7 @@ class Stopwatch:
     """Times every entry into code below ``folder`` in this thread, and the gaps between beats of a timer.
 
     A beat that is late tells that somebody held the window up: QGIS itself, drawing, or a machine that was busy. What
-    the plugin answers for is its entries, in time of this thread's processor, which the load of the machine leaves alone.
+    the plugin answers for is its entries, in time of this thread on a processor, whatever else the machine does.
     Entries that hold a nested event loop (a modal dialog) are left out: the window answers meanwhile.
     """
 
