@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from .translation import tr
 FOLDER = "photomap/folder"
 ROLE = "photomap/role"
 """Custom properties of the layers and of their group: which mission, and as what. They are kept in the project."""
+FIRST_BAND = "vrt://{}?bands=1"
 SHOWN = frozenset({"map", "finds", "track"})
 
 
@@ -188,9 +190,10 @@ def _known(mission: MissionFiles, shown: frozenset[str] = frozenset()) -> Iterat
     for role, path in mission.layers.items():
         if role in shown:
             continue
-        # QGIS's own default style would have the statistics of all bands computed first.
-        options = QgsRasterLayer.LayerOptions(loadDefaultStyle=False)
-        layer = QgsRasterLayer(str(path), titles()[role], "gdal", options)
+        # Of a file of several bands QGIS would first take a histogram of three: a tenth of a second without an answer.
+        layer = QgsRasterLayer(FIRST_BAND.format(path), titles()[role], "gdal")
+        if not layer.isValid():  # a name that GDAL cannot take apart
+            layer = QgsRasterLayer(str(path), titles()[role], "gdal")
         if layer.isValid():
             style_raster_layer(layer, role)
             yield role, layer
@@ -206,7 +209,7 @@ def _add(layer, role: str, mission: MissionFiles, project: QgsProject, group: Qg
 
 
 def _path(layer: QgsMapLayer) -> str:
-    return layer.source().split("|", 1)[0]
+    return re.sub(r"^vrt://(.*)\?bands=1$", r"\1", layer.source().split("|", 1)[0])
 
 
 def _groups(root: QgsLayerTreeGroup) -> Iterator[QgsLayerTreeGroup]:

@@ -258,6 +258,8 @@ class GeoreferenceDock(QDockWidget):
         if tool is not None:
             self._tool = tool
             self._canvas.setMapTool(tool)
+        elif old is not None and self._canvas.mapTool() is None:
+            self._context.iface.actionPan().trigger()
 
     def _tool_ended(self) -> None:
         """Another tool was chosen, or Esc pressed."""

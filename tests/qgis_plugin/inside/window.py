@@ -64,6 +64,7 @@ class Window:
         self.pan = QAction(self.main)
         self.pan.triggered.connect(lambda: self.canvas.setMapTool(self.pan_tool))
         self.pan_tool = QgsMapToolPan(self.canvas)
+        self.canvas.setMapTool(self.pan_tool)
         self.layer_actions: list[object] = []
 
     def mainWindow(self):
