@@ -1,7 +1,7 @@
 """The server's fake flights in a process of its own, for checks in QGIS: driven by lines on stdin, each answered.
 
-``new FOLDER TOKEN [relative]``, then ``step N``, ``solve``, ``snap``, ``lose``, ``again``, ``progress SHARE``, ``down``,
-``up``, ``ask`` (what it knows).
+``new FOLDER TOKEN [relative]``, then ``step N``, ``solve``, ``snap``, ``lose``, ``again``, ``progress SHARE``,
+``down``, ``up``, ``ask`` (what it knows).
 """
 
 from __future__ import annotations
