@@ -221,10 +221,14 @@ class ExportDialog(QDialog):
 
     def _show(self, path: Path) -> None:
         if path.suffix in SHOWN and path.is_file():
-            layer = QgsRasterLayer(str(path), path.stem, "gdal")
+            layer = QgsRasterLayer(
+                str(path), tr("{}: export {}").format(Path(self.mission.folder()).name, path.name), "gdal"
+            )
             if layer.isValid():
                 style_map(layer)
-                QgsProject.instance().addMapLayer(layer)
+                QgsProject.instance().addMapLayer(layer, False)
+                node = QgsProject.instance().layerTreeRoot().insertLayer(0, layer)
+                node.setExpanded(False)
 
     def _failed(self, words: str) -> None:
         self._context.messages.fail(words)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from .translation import tr
 FOLDER = "photomap/folder"
 ROLE = "photomap/role"
 """Custom properties of the layers and of their group: which mission, and as what. They are kept in the project."""
+FIRST_BAND = "vrt://{}?bands=1"
 SHOWN = frozenset({"map", "finds", "track"})
 
 
@@ -44,8 +46,8 @@ def titles() -> dict[str, str]:
 
 def add_mission(
     mission: MissionFiles, project: QgsProject, *, parent: QgsLayerTreeGroup | None = None, index: int = 0
-) -> Iterator[QgsLayerTreeGroup]:
-    """Add a mission's layers as one group at a place of the tree, a layer a step; yields the group after each step.
+) -> Iterator[QgsLayerTreeGroup | None]:
+    """Add a mission's layers as one group at a place of the tree, in small steps; the last value is the group.
 
     From top to bottom: finds, track, cameras, footprints, a closed group of what is known of each pixel, and the map.
     Only finds, track and map are ticked. A mission that is in the project already is shown anew in its group.
@@ -55,7 +57,10 @@ def add_mission(
     if there is not None:
         yield from refresh_mission(mission, project, there)
         return
-    maps = [_map_layer(m) for m in mission.maps]
+    maps = []
+    for found in mission.maps:
+        maps.append(_map_layer(found))
+        yield None
     group = (parent or project.layerTreeRoot()).insertGroup(index, mission.title)
     group.setCustomProperty(FOLDER, str(mission.folder))
     known = None
@@ -63,9 +68,11 @@ def add_mission(
         _add(layer, "map", mission, project, group)
         yield group
     for at, (role, layer) in enumerate(_overlays(mission)):
+        yield group
         _add(layer, role, mission, project, group, index=at)
         yield group
     for role, layer in _known(mission):
+        yield group
         if known is None:
             known = group.insertGroup(len(group.children()) - len(maps), tr("What is known of each pixel"))
             known.setExpanded(False)
@@ -102,7 +109,7 @@ def refresh_mission(
             yield group
 
 
-def whole(steps: Iterator[QgsLayerTreeGroup]) -> QgsLayerTreeGroup:
+def whole(steps: Iterator[QgsLayerTreeGroup | None]) -> QgsLayerTreeGroup:
     """Take all steps at once and return the group: for scripts; a window takes one a turn of its event loop."""
     return list(steps)[-1]
 
@@ -183,7 +190,10 @@ def _known(mission: MissionFiles, shown: frozenset[str] = frozenset()) -> Iterat
     for role, path in mission.layers.items():
         if role in shown:
             continue
-        layer = QgsRasterLayer(str(path), titles()[role], "gdal")
+        # Of a file of several bands QGIS would first take a histogram of three: a tenth of a second without an answer.
+        layer = QgsRasterLayer(FIRST_BAND.format(path), titles()[role], "gdal")
+        if not layer.isValid():  # a name that GDAL cannot take apart
+            layer = QgsRasterLayer(str(path), titles()[role], "gdal")
         if layer.isValid():
             style_raster_layer(layer, role)
             yield role, layer
@@ -199,7 +209,7 @@ def _add(layer, role: str, mission: MissionFiles, project: QgsProject, group: Qg
 
 
 def _path(layer: QgsMapLayer) -> str:
-    return layer.source().split("|", 1)[0]
+    return re.sub(r"^vrt://(.*)\?bands=1$", r"\1", layer.source().split("|", 1)[0])
 
 
 def _groups(root: QgsLayerTreeGroup) -> Iterator[QgsLayerTreeGroup]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from qgis.core import QgsApplication, QgsMapLayerType, QgsProject
 from qgis.PyQt.QtCore import QCoreApplication, Qt
 from qgis.PyQt.QtGui import QIcon
-from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget
+from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget, QMenu
 
 from .messages import Messages
 from .overlay import sweep
@@ -66,6 +66,7 @@ class PhotomapPlugin:
         self._docks: dict[str, QDockWidget] = {}
         self._actions: dict[str, QAction] = {}
         self._help: QDialog | None = None
+        self._menu: QMenu | None = None
         self.context: Context | None = None
 
     def initGui(self) -> None:
@@ -108,6 +109,8 @@ class PhotomapPlugin:
             self._help = None
         self._actions.clear()
         self.context = None
+        if self._iface.mapCanvas().mapTool() is None:  # one of ours was in hand
+            self._iface.actionPan().trigger()
 
     def open_dock(self, key: str) -> QDockWidget:
         """Show a dock of the table, made now if it was not there yet, and return it."""
@@ -162,6 +165,12 @@ class PhotomapPlugin:
 
     def _add_actions(self) -> None:
         window = self._iface.mainWindow()
+        # A menu of our own in the menu Raster: what QGIS's own helper makes outlives the plugin.
+        self._menu = QMenu(MENU, window)
+        self._menu.setObjectName("photomapMenu")
+        self._menu.setIcon(QIcon(str(ICON)))
+        self._iface.rasterMenu().addMenu(self._menu)
+        self._undo.append(self._take_menu)
         bar = self._iface.addToolBar("photomap")
         bar.setObjectName("photomapToolBar")
 
@@ -180,6 +189,12 @@ class PhotomapPlugin:
         action.triggered.connect(lambda: self._iface.showOptionsDialog(window, currentPage="photomapOptions"))
         action = self._add_action("help", tr("Help"))
         action.triggered.connect(lambda: self.show_help())
+
+    def _take_menu(self) -> None:
+        menu, self._menu = self._menu, None
+        self._iface.rasterMenu().removeAction(menu.menuAction())
+        menu.setParent(None)
+        menu.deleteLater()
 
     def _add_imagery_actions(self, bar) -> None:
         from .imagery import ImageryTools
@@ -206,12 +221,11 @@ class PhotomapPlugin:
         action = QAction(QIcon(str(HERE / icon)) if icon else QIcon(), text, self._iface.mainWindow())
         action.setObjectName(f"photomap_action_{key}")
         action.setToolTip(text.rstrip("…"))
-        self._iface.addPluginToRasterMenu(MENU, action)
+        self._menu.addAction(action)
         if bar is not None:
             bar.addAction(action)
 
         def take() -> None:
-            self._iface.removePluginRasterMenu(MENU, action)
             action.setParent(None)
             action.deleteLater()
 
