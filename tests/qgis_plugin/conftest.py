@@ -106,6 +106,8 @@ def _environment(folder: Path) -> dict[str, str]:
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "GDAL", "PROJ", "VIRTUAL", "QGIS"))}
     return {
         **clean,
+        # Ours holds another Python first, and QGIS takes what it finds for its own.
+        "PATH": "/usr/local/bin:/usr/bin:/bin",
         "PYTHONPATH": os.pathsep.join([str(PYTEST_FOLDER), str(INSIDE), str(ROOT), *QGIS_PATHS]),
         "QT_QPA_PLATFORM": "offscreen",
         "QGIS_CUSTOM_CONFIG_PATH": str(folder / "profile"),
@@ -123,7 +125,7 @@ def _results_of(item: QgisItem) -> dict:
     if hasattr(item.config, "workerinput"):
         base = base.parent  # what all workers of xdist share
     folder = base / f"qgis-{item.path.stem}"
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(exist_ok=True, mode=0o700)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         kept = folder / "results.json"
