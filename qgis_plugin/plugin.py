@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from qgis.core import QgsApplication, QgsMapLayerType
+from qgis.core import QgsApplication, QgsMapLayerType, QgsProject
 from qgis.PyQt.QtCore import QCoreApplication, Qt
 from qgis.PyQt.QtGui import QIcon
 from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget, QMenu
 
 from .messages import Messages
+from .overlay import sweep
 from .translation import install_translator, tr
 
 HERE = Path(__file__).parent
@@ -50,6 +51,7 @@ class DockEntry:
 DOCKS: tuple[DockEntry, ...] = (
     DockEntry("map", "Photo map", ".main_dock.dock", "MainDock"),
     DockEntry("planner", "Flight planner", ".planner.dock", "PlannerDock", "icons/planner.svg"),
+    DockEntry("live", "Live map", ".live.dock", "LiveDock", "icons/live.svg"),
     DockEntry("georeference", "Georeference", ".georeference.dock", "GeoreferenceDock", "icons/georeference.svg"),
 )
 """The registration table: one line a dock, in the order of the menu."""
@@ -80,6 +82,9 @@ class PhotomapPlugin:
         engine.ended.connect(messages.log)  # whoever waited for it says so in the message bar
         self._undo.append(engine.shutdown)
         self.context = Context(self._iface, engine, messages, self.open_dock, self.show_help)
+        # What docks put into the project is theirs: a project that was saved meanwhile is rid of it when it is opened.
+        QgsProject.instance().readProject.connect(sweep)
+        self._undo.append(lambda: QgsProject.instance().readProject.disconnect(sweep))
         self._add_options()
         self.initProcessing()
         self._add_actions()

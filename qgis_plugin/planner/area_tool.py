@@ -32,8 +32,8 @@ _FILL = QColor(20, 90, 200, 40)
 class AreaTool(QgsMapTool):
     """Takes a polygon, or a line where ``is_line``, of corners in WGS 84 (longitude, latitude).
 
-    ``shape_changed`` is sent when a shape is closed, while a corner is dragged, and when it is cleared; ``refused`` with
-    words when what is there cannot be closed; ``left`` when Esc is pressed with nothing begun.
+    ``shape_changed`` is sent when a shape is closed, while a corner is dragged, and when it is cleared; ``refused``
+    with words when what is there cannot be closed; ``left`` when Esc is pressed with nothing begun.
     """
 
     shape_changed = pyqtSignal()

@@ -21,14 +21,13 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ..overlay import sweep
+from ..point_tool import PointTool
 from ..settings import default_folder, load_settings
 from ..translation import tr
 from .area_tool import AreaTool
 from .features import Taken, UnusableLayerError, every, selected
 from .form import PlannerForm, UnusableFieldError
 from .layers import by_layer, place_feature, plan_overlay
-from .point_tool import PointTool
 from .preview import Preview
 from .request import FROM_DATUM, NEED_A_LINE, PlanRequest
 from .result import in_the_docks_words, summary_html, warnings_html
@@ -78,7 +77,6 @@ class PlannerDock(QDockWidget):
     def release(self) -> None:
         """Give back map tools, rubber bands, layers, jobs and files."""
         self._released = True
-        QgsProject.instance().readProject.disconnect(self._project_read)
         QgsProject.instance().cleared.disconnect(self._project_cleared)
         if self._saving is not None:
             self._saving.cancel()
@@ -166,7 +164,6 @@ class PlannerDock(QDockWidget):
         self.preview.busy.connect(self.bar.setVisible)
         self.vehicle.upload_wanted.connect(self._upload)
         self.vehicle.stands_at.connect(lambda lat, lon: self._home_picked(lon, lat))
-        QgsProject.instance().readProject.connect(self._project_read)
         QgsProject.instance().cleared.connect(self._project_cleared)
 
     # places
@@ -397,9 +394,6 @@ class PlannerDock(QDockWidget):
         self.vehicle.upload(plans[sortie])
 
     # the project
-
-    def _project_read(self, *_) -> None:
-        sweep()
 
     def _project_cleared(self) -> None:
         if self._facts is not None or self._home is not None:
