@@ -3,8 +3,8 @@
     python3 scripts/update_translations.py            # writes
     python3 scripts/update_translations.py --check    # says what is missing (exit code 1)
 
-Strings are the first arguments of ``tr("...")``, and the titles in the table of docks. What is in a file and no longer in
-the sources is dropped; what is new stands there as unfinished, for a person to translate (Qt Linguist reads the file).
+Strings are the first arguments of ``tr("...")``, and the titles in the table of docks. What is in a file and no longer
+in the sources is dropped; what is new stands there as unfinished, for a person to translate (Qt Linguist reads it).
 """
 
 from __future__ import annotations

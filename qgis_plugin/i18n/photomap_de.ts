@@ -88,8 +88,8 @@
         <translation>keine</translation>
     </message>
     <message>
-        <source>&amp;Add to the project what QGIS can show</source>
-        <translation>Zum Projekt &amp;hinzufügen, was QGIS zeigen kann</translation>
+        <source>&amp;Add the GeoTIFF to the project</source>
+        <translation>GeoTIFF zum Projekt &amp;hinzufügen</translation>
     </message>
     <message>
         <source>&amp;Export</source>
@@ -510,6 +510,218 @@
     <message>
         <source>Map, piece {}</source>
         <translation>Karte, Teil {}</translation>
+    </message>
+    <message>
+        <source>The map has no place on Earth yet: it comes here once it has; see the page meanwhile.</source>
+        <translation>Die Karte hat noch keinen Ort auf der Erde: sie kommt hierher, sobald sie einen hat; bis dahin zeigt sie die Seite.</translation>
+    </message>
+    <message>
+        <source>photomap live: the link is lost</source>
+        <translation>photomap live: die Verbindung ist verloren</translation>
+    </message>
+    <message>
+        <source>Say where the pictures come from, and into which folder the map goes.</source>
+        <translation>Sagen Sie, woher die Bilder kommen und in welchen Ordner die Karte geht.</translation>
+    </message>
+    <message>
+        <source>A session that was started here still runs: end it first.</source>
+        <translation>Eine hier gestartete Sitzung läuft noch: beenden Sie sie zuerst.</translation>
+    </message>
+    <message>
+        <source>under the cursor ±{} m</source>
+        <translation>unter dem Zeiger ±{} m</translation>
+    </message>
+    <message>
+        <source>Marked: {}</source>
+        <translation>Markiert: {}</translation>
+    </message>
+    <message>
+        <source>The flight's mission is finished: {}</source>
+        <translation>Die Mission des Fluges ist fertig: {}</translation>
+    </message>
+    <message>
+        <source>The link to {} is there again.</source>
+        <translation>Die Verbindung zu {} ist wieder da.</translation>
+    </message>
+    <message>
+        <source>{} It is tried again.</source>
+        <translation>{} Es wird erneut versucht.</translation>
+    </message>
+    <message>
+        <source>The flight has ended; its map is a mission now. {}</source>
+        <translation>Der Flug ist zu Ende; seine Karte ist jetzt eine Mission. {}</translation>
+    </message>
+    <message>
+        <source>The map lies in its place now.</source>
+        <translation>Die Karte liegt jetzt an ihrem Ort.</translation>
+    </message>
+    <message>
+        <source>photomap live</source>
+        <translation>photomap live</translation>
+    </message>
+    <message>
+        <source>Drone</source>
+        <translation>Drohne</translation>
+    </message>
+    <message>
+        <source>Accuracy here (CE90)</source>
+        <translation>Genauigkeit hier (CE90)</translation>
+    </message>
+    <message>
+        <source>What the camera sees</source>
+        <translation>Was die Kamera sieht</translation>
+    </message>
+    <message>
+        <source>Area to cover</source>
+        <translation>Abzudeckende Fläche</translation>
+    </message>
+    <message>
+        <source>Not seen yet</source>
+        <translation>Noch nicht gesehen</translation>
+    </message>
+    <message>
+        <source>Address of the session</source>
+        <translation>Adresse der Sitzung</translation>
+    </message>
+    <message>
+        <source>&amp;Connect</source>
+        <translation>&amp;Verbinden</translation>
+    </message>
+    <message>
+        <source>&amp;Follow the drone</source>
+        <translation>Der Drohne &amp;folgen</translation>
+    </message>
+    <message>
+        <source>Open the &amp;page</source>
+        <translation>&amp;Seite öffnen</translation>
+    </message>
+    <message>
+        <source>note</source>
+        <translation>Notiz</translation>
+    </message>
+    <message>
+        <source>&amp;Mark a find</source>
+        <translation>Fund &amp;markieren</translation>
+    </message>
+    <message>
+        <source>Then click its place on the map; Esc leaves</source>
+        <translation>Dann seinen Ort in der Karte klicken; Esc beendet</translation>
+    </message>
+    <message>
+        <source>Start a session</source>
+        <translation>Sitzung starten</translation>
+    </message>
+    <message>
+        <source>rtsp://…, udp://…, a video, a folder that is being filled</source>
+        <translation>rtsp://…, udp://…, ein Video, ein Ordner, der gefüllt wird</translation>
+    </message>
+    <message>
+        <source>&amp;Source</source>
+        <translation>&amp;Quelle</translation>
+    </message>
+    <message>
+        <source>Positions from the autopilot; leave it empty where the source brings its own</source>
+        <translation>Positionen vom Autopiloten; leer lassen, wo die Quelle eigene mitbringt</translation>
+    </message>
+    <message>
+        <source>&amp;Into</source>
+        <translation>&amp;Nach</translation>
+    </message>
+    <message>
+        <source>St&amp;art</source>
+        <translation>St&amp;arten</translation>
+    </message>
+    <message>
+        <source>Again: end the flight</source>
+        <translation>Nochmals: Flug beenden</translation>
+    </message>
+    <message>
+        <source>&amp;End and finalise</source>
+        <translation>&amp;Beenden und fertigstellen</translation>
+    </message>
+    <message>
+        <source>Dis&amp;connect</source>
+        <translation>&amp;Trennen</translation>
+    </message>
+    <message>
+        <source>victim</source>
+        <translation>Opfer</translation>
+    </message>
+    <message>
+        <source>intruder</source>
+        <translation>Eindringling</translation>
+    </message>
+    <message>
+        <source>hazard card</source>
+        <translation>Gefahrentafel</translation>
+    </message>
+    <message>
+        <source>other</source>
+        <translation>anderes</translation>
+    </message>
+    <message>
+        <source>All is well.</source>
+        <translation>Alles in Ordnung.</translation>
+    </message>
+    <message>
+        <source>GPS</source>
+        <translation>GPS</translation>
+    </message>
+    <message>
+        <source>no GPS now</source>
+        <translation>jetzt kein GPS</translation>
+    </message>
+    <message>
+        <source>GPS is looking</source>
+        <translation>GPS sucht</translation>
+    </message>
+    <message>
+        <source>without GPS</source>
+        <translation>ohne GPS</translation>
+    </message>
+    <message>
+        <source>The flight has ended.</source>
+        <translation>Der Flug ist zu Ende.</translation>
+    </message>
+    <message>
+        <source>The final map is being made.</source>
+        <translation>Die endgültige Karte wird erstellt.</translation>
+    </message>
+    <message>
+        <source>{fps} pictures/s, {latency} ms behind, {frames} pictures, {dropped} dropped</source>
+        <translation>{fps} Bilder/s, {latency} ms zurück, {frames} Bilder, {dropped} ausgelassen</translation>
+    </message>
+    <message>
+        <source>{} m high</source>
+        <translation>{} m hoch</translation>
+    </message>
+    <message>
+        <source>battery {} %</source>
+        <translation>Akku {} %</translation>
+    </message>
+    <message>
+        <source>Waiting for the first picture…</source>
+        <translation>Warten auf das erste Bild …</translation>
+    </message>
+    <message>
+        <source>{} broken</source>
+        <translation>{} defekt</translation>
+    </message>
+    <message>
+        <source>{} pieces</source>
+        <translation>{} Teile</translation>
+    </message>
+    <message>
+        <source>accuracy here ±{} m (CE90)</source>
+        <translation>Genauigkeit hier ±{} m (CE90)</translation>
+    </message>
+    <message>
+        <source>{} % of the area seen</source>
+        <translation>{} % der Fläche gesehen</translation>
+    </message>
+    <message>
+        <source>{} ha seen</source>
+        <translation>{} ha gesehen</translation>
     </message>
     <message>
         <source>&amp;Make the map</source>
@@ -1160,10 +1372,6 @@
         <translation>Gespeicherter Zaun</translation>
     </message>
     <message>
-        <source>This place cannot be said in degrees: choose a map projection that reaches there.</source>
-        <translation>Dieser Ort lässt sich nicht in Grad angeben: wählen Sie eine Kartenprojektion, die dorthin reicht.</translation>
-    </message>
-    <message>
         <source>The plan's drawing cannot be read: {}</source>
         <translation>Die Zeichnung des Plans ist nicht lesbar: {}</translation>
     </message>
@@ -1436,6 +1644,10 @@
         <translation>Flugplaner</translation>
     </message>
     <message>
+        <source>Live map</source>
+        <translation>Live-Karte</translation>
+    </message>
+    <message>
         <source>Georeference</source>
         <translation>Georeferenzieren</translation>
     </message>
@@ -1458,6 +1670,414 @@
     <message>
         <source>What has changed…</source>
         <translation>Was hat sich geändert …</translation>
+    </message>
+    <message>
+        <source>This place cannot be said in degrees: choose a projection that reaches there.</source>
+        <translation>Dieser Ort lässt sich nicht in Grad angeben: wählen Sie eine Projektion, die dorthin reicht.</translation>
+    </message>
+    <message>
+        <source>Old imagery</source>
+        <translation>Alte Bilddaten</translation>
+    </message>
+    <message>
+        <source>Score from which ground has changed</source>
+        <translation>Wert, ab dem sich der Boden geändert hat</translation>
+    </message>
+    <message>
+        <source>Smallest area, square metres</source>
+        <translation>Kleinste Fläche, Quadratmeter</translation>
+    </message>
+    <message>
+        <source>Pixel of the comparison, metres (default: the coarser one's)</source>
+        <translation>Pixel des Vergleichs, Meter (Vorgabe: das gröbere)</translation>
+    </message>
+    <message>
+        <source>CRS of the comparison</source>
+        <translation>KBS des Vergleichs</translation>
+    </message>
+    <message>
+        <source>Number of changed areas</source>
+        <translation>Anzahl geänderter Flächen</translation>
+    </message>
+    <message>
+        <source>Changed ground, square metres</source>
+        <translation>Geänderter Boden, Quadratmeter</translation>
+    </message>
+    <message>
+        <source>Further options of the command, as JSON: {"workers": 2}</source>
+        <translation>Weitere Optionen des Befehls, als JSON: {"workers": 2}</translation>
+    </message>
+    <message>
+        <source>Further options: write a JSON object such as {"workers": 2}.</source>
+        <translation>Weitere Optionen: schreiben Sie ein JSON-Objekt wie {"workers": 2}.</translation>
+    </message>
+    <message>
+        <source>{}: {} is no raster that QGIS can read.</source>
+        <translation>{}: {} ist kein Raster, das QGIS lesen kann.</translation>
+    </message>
+    <message>
+        <source>Give the imagery another name than “procedural”.</source>
+        <translation>Geben Sie den Bilddaten einen anderen Namen als „procedural“.</translation>
+    </message>
+    <message>
+        <source>Never fly here</source>
+        <translation>Hier nie fliegen</translation>
+    </message>
+    <message>
+        <source>Camera, as FC6310 or Mavic 3E</source>
+        <translation>Kamera, etwa FC6310 oder Mavic 3E</translation>
+    </message>
+    <message>
+        <source>Ground sampling distance, metres a pixel</source>
+        <translation>Bodenauflösung, Meter je Pixel</translation>
+    </message>
+    <message>
+        <source>Height above ground, metres, instead</source>
+        <translation>Stattdessen Höhe über Grund, Meter</translation>
+    </message>
+    <message>
+        <source>What must be seen, instead: person, card, vehicle, or metres as 0.4x0.3</source>
+        <translation>Stattdessen, was zu sehen sein muss: person, card, vehicle oder Meter wie 0.4x0.3</translation>
+    </message>
+    <message>
+        <source>Front overlap, percent</source>
+        <translation>Längsüberlappung, Prozent</translation>
+    </message>
+    <message>
+        <source>Side overlap, percent</source>
+        <translation>Querüberlappung, Prozent</translation>
+    </message>
+    <message>
+        <source>Heading of the lanes, degrees (default: the fastest)</source>
+        <translation>Richtung der Bahnen, Grad (Vorgabe: die schnellste)</translation>
+    </message>
+    <message>
+        <source>Speed, metres a second</source>
+        <translation>Geschwindigkeit, Meter je Sekunde</translation>
+    </message>
+    <message>
+        <source>Wind: metres a second and where from, as 5,270</source>
+        <translation>Wind: Meter je Sekunde und woher, etwa 5,270</translation>
+    </message>
+    <message>
+        <source>Minutes that one battery flies</source>
+        <translation>Minuten, die ein Akku fliegt</translation>
+    </message>
+    <message>
+        <source>Take-off place</source>
+        <translation>Startplatz</translation>
+    </message>
+    <message>
+        <source>Elevation model: keep the height above it</source>
+        <translation>Höhenmodell: Höhe darüber halten</translation>
+    </message>
+    <message>
+        <source>A second sweep across the first</source>
+        <translation>Eine zweite Abdeckung quer zur ersten</translation>
+    </message>
+    <message>
+        <source>Autopilot</source>
+        <translation>Autopilot</translation>
+    </message>
+    <message>
+        <source>Plan</source>
+        <translation>Plan</translation>
+    </message>
+    <message>
+        <source>Lanes, footprints, coverage, waypoints</source>
+        <translation>Bahnen, Bildflächen, Abdeckung, Wegpunkte</translation>
+    </message>
+    <message>
+        <source>Share of the area that is sure to be seen</source>
+        <translation>Anteil der Fläche, der sicher zu sehen ist</translation>
+    </message>
+    <message>
+        <source>Time of flight in seconds</source>
+        <translation>Flugzeit in Sekunden</translation>
+    </message>
+    <message>
+        <source>Photos</source>
+        <translation>Fotos</translation>
+    </message>
+    <message>
+        <source>Sorties</source>
+        <translation>Flüge</translation>
+    </message>
+    <message>
+        <source>Plan (.plan or .waypoints)</source>
+        <translation>Plan (.plan oder .waypoints)</translation>
+    </message>
+    <message>
+        <source>Connection</source>
+        <translation>Verbindung</translation>
+    </message>
+    <message>
+        <source>System id, where several vehicles are on the link</source>
+        <translation>System-ID, wo mehrere Fluggeräte an der Verbindung sind</translation>
+    </message>
+    <message>
+        <source>Give up after so many seconds</source>
+        <translation>Nach so vielen Sekunden aufgeben</translation>
+    </message>
+    <message>
+        <source>Refuse items higher above home, metres</source>
+        <translation>Höhere Punkte über dem Startplatz ablehnen, Meter</translation>
+    </message>
+    <message>
+        <source>Refuse items farther from home, metres</source>
+        <translation>Weiter entfernte Punkte ablehnen, Meter</translation>
+    </message>
+    <message>
+        <source>Wait while the vehicle flies its mission</source>
+        <translation>Warten, solange das Fluggerät seine Mission fliegt</translation>
+    </message>
+    <message>
+        <source>Outcome</source>
+        <translation>Ergebnis</translation>
+    </message>
+    <message>
+        <source>Items</source>
+        <translation>Punkte</translation>
+    </message>
+    <message>
+        <source>What the vehicle held before</source>
+        <translation>Was das Fluggerät vorher hatte</translation>
+    </message>
+    <message>
+        <source>Photos, or frames of the video</source>
+        <translation>Fotos oder Bilder des Videos</translation>
+    </message>
+    <message>
+        <source>Height above ground, metres (default: the ground is filled)</source>
+        <translation>Höhe über Grund, Meter (Vorgabe: der Boden wird gefüllt)</translation>
+    </message>
+    <message>
+        <source>Width of a frame, pixels</source>
+        <translation>Breite eines Bildes, Pixel</translation>
+    </message>
+    <message>
+        <source>Height of a frame, pixels</source>
+        <translation>Höhe eines Bildes, Pixel</translation>
+    </message>
+    <message>
+        <source>A video instead of photos</source>
+        <translation>Ein Video statt Fotos</translation>
+    </message>
+    <message>
+        <source>Error of the GPS, metres</source>
+        <translation>Fehler des GPS, Meter</translation>
+    </message>
+    <message>
+        <source>Sigma of roll and pitch, degrees</source>
+        <translation>Sigma von Rollen und Nicken, Grad</translation>
+    </message>
+    <message>
+        <source>Seed: the same one gives the same flight</source>
+        <translation>Startwert: derselbe gibt denselben Flug</translation>
+    </message>
+    <message>
+        <source>Folder</source>
+        <translation>Ordner</translation>
+    </message>
+    <message>
+        <source>Photos, or the video</source>
+        <translation>Fotos oder das Video</translation>
+    </message>
+    <message>
+        <source>Pixel in metres</source>
+        <translation>Pixel in Metern</translation>
+    </message>
+    <message>
+        <source>Imagery to fly over</source>
+        <translation>Zu überfliegende Bilddaten</translation>
+    </message>
+    <message>
+        <source>“{}” is no file: save it as a GeoTIFF first (Layer &gt; Save As), and choose that.</source>
+        <translation>„{}“ ist keine Datei: zuerst als GeoTIFF speichern (Layer &gt; Speichern als) und dieses wählen.</translation>
+    </message>
+    <message>
+        <source>{}: the layer has no CRS, so its place is not known: set it in the layer's properties.</source>
+        <translation>{}: der Layer hat kein KBS, sein Ort ist also unbekannt: in den Layereigenschaften setzen.</translation>
+    </message>
+    <message>
+        <source>{}: there is no feature with a geometry.</source>
+        <translation>{}: es gibt kein Objekt mit einer Geometrie.</translation>
+    </message>
+    <message>
+        <source>{}: more than {} features: select those that matter.</source>
+        <translation>{}: mehr als {} Objekte: wählen Sie die wichtigen aus.</translation>
+    </message>
+    <message>
+        <source>{}: feature {} has no place on Earth: is the layer's CRS right?</source>
+        <translation>{}: Objekt {} hat keinen Ort auf der Erde: stimmt das KBS des Layers?</translation>
+    </message>
+    <message>
+        <source>Videos, or single photos</source>
+        <translation>Videos oder einzelne Fotos</translation>
+    </message>
+    <message>
+        <source>Add the result to the project</source>
+        <translation>Ergebnis zum Projekt hinzufügen</translation>
+    </message>
+    <message>
+        <source>Format</source>
+        <translation>Format</translation>
+    </message>
+    <message>
+        <source>JSON files (*.json)</source>
+        <translation>JSON-Dateien (*.json)</translation>
+    </message>
+    <message>
+        <source>Choose a folder of photos, or videos.</source>
+        <translation>Wählen Sie einen Ordner mit Fotos, oder Videos.</translation>
+    </message>
+    <message>
+        <source>Folder of photos</source>
+        <translation>Ordner mit Fotos</translation>
+    </message>
+    <message>
+        <source>Track log of the video, where none lies beside it</source>
+        <translation>Flugprotokoll des Videos, wo keines daneben liegt</translation>
+    </message>
+    <message>
+        <source>CRS of the map (default: the right UTM zone)</source>
+        <translation>KBS der Karte (Vorgabe: die passende UTM-Zone)</translation>
+    </message>
+    <message>
+        <source>Pixel of the map in metres (default: what the camera saw)</source>
+        <translation>Pixel der Karte in Metern (Vorgabe: was die Kamera sah)</translation>
+    </message>
+    <message>
+        <source>Heights of the ground</source>
+        <translation>Höhen des Bodens</translation>
+    </message>
+    <message>
+        <source>Ground control points (gcp_list.txt or CSV)</source>
+        <translation>Passpunkte (gcp_list.txt oder CSV)</translation>
+    </message>
+    <message>
+        <source>CRS of a CSV of control points that does not say</source>
+        <translation>KBS einer CSV mit Passpunkten, die es nicht sagt</translation>
+    </message>
+    <message>
+        <source>Check points: names with commas, or every-third</source>
+        <translation>Prüfpunkte: Namen mit Kommas, oder every-third</translation>
+    </message>
+    <message>
+        <source>Existing imagery to lay the map on</source>
+        <translation>Vorhandene Bilddaten, auf die die Karte gelegt wird</translation>
+    </message>
+    <message>
+        <source>Horizontal field of view, degrees</source>
+        <translation>Waagerechter Bildwinkel, Grad</translation>
+    </message>
+    <message>
+        <source>Of several frames show</source>
+        <translation>Von mehreren Bildern zeigen</translation>
+    </message>
+    <message>
+        <source>Write layers of accuracy, age and coverage too</source>
+        <translation>Auch Layer für Genauigkeit, Alter und Abdeckung schreiben</translation>
+    </message>
+    <message>
+        <source>Memory for pictures, MB</source>
+        <translation>Speicher für Bilder, MB</translation>
+    </message>
+    <message>
+        <source>Mission folder</source>
+        <translation>Missionsordner</translation>
+    </message>
+    <message>
+        <source>Predicted CE90 in metres</source>
+        <translation>Vorhergesagtes CE90 in Metern</translation>
+    </message>
+    <message>
+        <source>Registered frames</source>
+        <translation>Registrierte Bilder</translation>
+    </message>
+    <message>
+        <source>Only inside these polygons</source>
+        <translation>Nur innerhalb dieser Polygone</translation>
+    </message>
+    <message>
+        <source>CRS (default: the mission's)</source>
+        <translation>KBS (Vorgabe: das der Mission)</translation>
+    </message>
+    <message>
+        <source>Finest pixel, in units of the CRS</source>
+        <translation>Feinstes Pixel, in Einheiten des KBS</translation>
+    </message>
+    <message>
+        <source>Compression of the GeoTIFF</source>
+        <translation>Kompression des GeoTIFF</translation>
+    </message>
+    <message>
+        <source>Quality of JPEG and WEBP</source>
+        <translation>Qualität von JPEG und WEBP</translation>
+    </message>
+    <message>
+        <source>Replace the stale pixels of this layer</source>
+        <translation>Die veralteten Pixel dieses Layers ersetzen</translation>
+    </message>
+    <message>
+        <source>Finds (points) for ATAK and vectors</source>
+        <translation>Funde (Punkte) für ATAK und Vektoren</translation>
+    </message>
+    <message>
+        <source>Whom to credit</source>
+        <translation>Wer zu nennen ist</translation>
+    </message>
+    <message>
+        <source>File, or folder</source>
+        <translation>Datei oder Ordner</translation>
+    </message>
+    <message>
+        <source>All files (*.*)</source>
+        <translation>Alle Dateien (*.*)</translation>
+    </message>
+    <message>
+        <source>Raster layer</source>
+        <translation>Rasterlayer</translation>
+    </message>
+    <message>
+        <source>Vector layer</source>
+        <translation>Vektorlayer</translation>
+    </message>
+    <message>
+        <source>Largest size, such as 20MB</source>
+        <translation>Größte Größe, etwa 20MB</translation>
+    </message>
+    <message>
+        <source>Package</source>
+        <translation>Paket</translation>
+    </message>
+    <message>
+        <source>Zip files (*.zip)</source>
+        <translation>ZIP-Dateien (*.zip)</translation>
+    </message>
+    <message>
+        <source>Size in bytes</source>
+        <translation>Größe in Bytes</translation>
+    </message>
+    <message>
+        <source>Folder of photos, or a mission</source>
+        <translation>Ordner mit Fotos, oder eine Mission</translation>
+    </message>
+    <message>
+        <source>Report</source>
+        <translation>Bericht</translation>
+    </message>
+    <message>
+        <source>Report as JSON</source>
+        <translation>Bericht als JSON</translation>
+    </message>
+    <message>
+        <source>The report cannot be written to {}: {}; choose another file.</source>
+        <translation>Der Bericht kann nicht nach {} geschrieben werden: {}; wählen Sie eine andere Datei.</translation>
+    </message>
+    <message>
+        <source>photomap: photo maps from drones</source>
+        <translation>photomap: Fotokarten aus Drohnen</translation>
     </message>
     <message>
         <source>Replace imagery by a photo map</source>
