@@ -144,6 +144,12 @@ def test_a_map_is_loaded_into_the_project_where_there_is_one(provider, mission, 
     values = {"MISSION": str(tmp_path / "m"), "FORMAT": "geotiff", "OUTPUT": str(tmp_path / "out.tif"), "LOAD": True}
     processing.run("photomap:export", values, context=context, feedback=Words())
     assert list(context.layersToLoadOnCompletion()) == [str(tmp_path / "out.tif")]
+    flown = QgsProcessingContext()
+    flown.setProject(QgsProject.instance())
+    plan = {"AREA": field_in("EPSG:4326"), "HEIGHT": 60, "OUTPUT": str(tmp_path / "f.plan")}
+    processing.run("photomap:plan", plan, context=flown, feedback=Words())
+    drawn = [QgsVectorLayer(uri, "drawn", "ogr") for uri in flown.layersToLoadOnCompletion()]
+    assert [layer.isValid() and layer.featureCount() > 0 for layer in drawn] == [True, True, True]
     again = QgsProcessingContext()
     again.setProject(QgsProject.instance())
     processing.run("photomap:export", {**values, "LOAD": False}, context=again, feedback=Words())
