@@ -43,6 +43,7 @@ class Overlay:
         self._specs = {spec.key: spec for spec in specs}
         self._ids: dict[str, str] = {}
         self._raster_ids: list[str] = []
+        self._held: dict[str, Features] = {}
 
     @property
     def layers(self) -> dict[str, QgsVectorLayer]:
@@ -56,8 +57,11 @@ class Overlay:
             self.set_features(key, items)
 
     def set_features(self, key: str, items: Features) -> None:
-        """Set what one layer holds, and draw it anew."""
+        """Set what one layer holds, and draw it anew where that is something else."""
         layer = self.layers.get(key)
+        if layer is not None and self._held.get(key) == items:
+            return
+        self._held[key] = items
         if layer is None:
             if not items:
                 return
@@ -78,7 +82,7 @@ class Overlay:
         """Take layers and group out of the project."""
         project = QgsProject.instance()
         project.removeMapLayers([layer.id() for layer in self.layers.values()])
-        self._ids = {}
+        self._ids, self._held = {}, {}
         self.remove_rasters()
         group = self._group()
         if group is not None and not group.children():

@@ -11,7 +11,7 @@ from qgis.PyQt.QtGui import QDesktopServices
 from qgis.PyQt.QtWidgets import QDockWidget, QLabel
 
 from ..point_tool import PointTool
-from ..settings import default_folder, load_settings
+from ..settings import default_folder, load_settings, remember_mission
 from ..translation import tr
 from .connection import LiveAddress, LiveConnection, LiveError
 from .feed import LiveFeed
@@ -22,6 +22,8 @@ from .words import accuracy_words, drone_words, health_html
 
 DRAW_MS, LOOK_MS, CURSOR_MS = 500, 3000, 400
 """How often the drone is drawn, track and coverage are asked for, the accuracy under the cursor is."""
+MOST_SKIPPED = 4
+"""How often the drone waits for a window that is drawing."""
 
 
 class LiveDock(QDockWidget):
@@ -34,6 +36,7 @@ class LiveDock(QDockWidget):
         self._feed: LiveFeed | None = None
         self._address: LiveAddress | None = None
         self._job = None
+        self._flies_into = ""
         self._forget()
         self.panel = LivePanel()
         self.setWidget(self.panel)
@@ -84,6 +87,7 @@ class LiveDock(QDockWidget):
         self._under_cursor = ""
         self._lost = ""
         self._drawn_frame: object = None
+        self._skipped = 0
         self._ground_is_new = self._finds_are_new = True
         self._asking: set[str] = set()
         self._zoomed = False
@@ -158,9 +162,9 @@ class LiveDock(QDockWidget):
         self._look()
 
     def _link_lost(self, words: str) -> None:
-        if self._feed is None:
-            return
-        if not self._lost and (self._live or {}).get("phase") != "ended":
+        if self._feed is None or (self._live or {}).get("phase") == "ended":
+            return  # a flight that has ended may leave
+        if not self._lost:
             self._messages.warn(tr("{} It is tried again.").format(words))
         self._lost = words
         self._say()
@@ -243,11 +247,15 @@ class LiveDock(QDockWidget):
     # what is drawn
 
     def _draw(self) -> None:
-        """Draw the drone where it is now, unless QGIS is still busy with the last picture."""
+        """Draw the drone where it is now; a window that is still busy with its last picture is not hurried much."""
         pose = self._pose
         self._say()
-        if pose is None or not self._on_earth() or pose.get("frame") == self._drawn_frame or self._canvas.isDrawing():
+        if pose is None or not self._on_earth() or pose.get("frame") == self._drawn_frame:
             return
+        if self._canvas.isDrawing() and self._skipped < MOST_SKIPPED:
+            self._skipped += 1
+            return
+        self._skipped = 0
         self._drawn_frame = pose.get("frame")
         self.screen.overlay.show(pose_features(pose))
         at = pose.get("drone") or pose.get("centre")
@@ -359,6 +367,7 @@ class LiveDock(QDockWidget):
         self._job.output.connect(self._told)
         self._job.finished.connect(self._flown)
         self._job.failed.connect(self._not_flown)
+        self._flies_into = output
         self.panel.start_button.setEnabled(False)
 
     def _told(self, document: dict) -> None:
@@ -369,8 +378,13 @@ class LiveDock(QDockWidget):
         self._job = None
         self.panel.start_button.setEnabled(True)
         self.panel.output.setFilePath(str(_new_folder()))
-        folder = (document or {}).get("mission") or (document or {}).get("output") or ""
-        self._messages.info(tr("The flight's mission is finished: {}").format(folder))
+        self.disconnect_session()
+        remember_mission(self._flies_into)
+        self._messages.info(
+            tr("The flight's mission is finished: {}. The dock Photo map has it among the recent missions.").format(
+                self._flies_into
+            )
+        )
 
     def _not_flown(self, words: str) -> None:
         self._job = None

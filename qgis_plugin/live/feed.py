@@ -18,8 +18,8 @@ class LiveFeed(QObject):
     """Follows one server until ``close``.
 
     ``opened`` carries the mission's document each time a connection is made, ``happened`` an event's name and document,
-    ``lost`` words once a connection has ended. The feed tries again by itself, more and more seldom; ``refused`` is for what
-    trying again cannot mend.
+    ``lost`` words once a connection has ended. The feed tries again by itself, more and more seldom; ``refused`` is for
+    what trying again cannot mend.
     """
 
     opened = pyqtSignal(object)

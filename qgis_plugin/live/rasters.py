@@ -29,6 +29,17 @@ LEAST_PAUSE_MS = 1000
 MOST_ZOOM = 24
 
 
+_ending: set = set()
+
+
+def _let_end(job: QgsMapRendererParallelJob, layer: QgsRasterLayer) -> None:
+    """Stop a drawing and keep it until it has stopped: deleting it would make the window wait for its downloads."""
+    kept = (job, layer)
+    _ending.add(kept)
+    job.finished.connect(lambda: _ending.discard(kept))
+    job.cancelWithoutBlocking()
+
+
 _last_edition = 0
 
 
@@ -75,7 +86,8 @@ class LiveRaster(QObject):
         job, self._job = self._job, None
         if job is not None:
             job.finished.disconnect(self._fetched)
-            job.cancelWithoutBlocking()
+            _let_end(job, self._hidden)
+        self._hidden = None
 
     @property
     def layer(self) -> QgsRasterLayer | None:
@@ -151,7 +163,10 @@ class LiveRaster(QObject):
             return
         self.edition = self._fetching
         self.swaps += 1
+        project = QgsProject.instance()
+        was_dirty = project.isDirty()
         layer.setDataSource(self._source(self.edition), layer.name(), "wms")
+        project.setDirty(was_dirty)
         layer.triggerRepaint()
         if self.wanted > self.edition:
             self._timer.start()

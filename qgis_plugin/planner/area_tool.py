@@ -71,6 +71,11 @@ class AreaTool(QgsMapTool):
         """The closed shape's corners as (longitude, latitude) in degrees; empty where there is none."""
         return tuple((p.x(), p.y()) for p in self._corners) if self._closed else ()
 
+    @property
+    def begun(self) -> bool:
+        """Whether there is a corner."""
+        return bool(self._corners)
+
     def set_corners(self, corners: Sequence[tuple[float, float]]) -> None:
         """Take a closed shape from elsewhere, (longitude, latitude) in degrees."""
         self._corners = [QgsPointXY(x, y) for x, y in corners]

@@ -60,6 +60,7 @@ class PlannerDock(QDockWidget):
         self._facts: dict | None = None
         self._asked_cameras = False
         self._released = False
+        self._last_failure = ""
         self._saving: object | None = None
         self._before_tool = None
         self.overlay = plan_overlay()
@@ -253,6 +254,8 @@ class PlannerDock(QDockWidget):
 
     def _edited(self) -> None:
         self._ask_cameras()
+        if not self.tool.begun:
+            self.tool.is_line = self.form.pattern.currentData() in NEED_A_LINE
         if (missing := self._missing()) is not None:
             self.preview.stop()
             self._no_plan(missing)
@@ -304,7 +307,7 @@ class PlannerDock(QDockWidget):
         self.vehicle.set_sorties(1)
 
     def _planned(self, facts: dict, drawing: dict) -> None:
-        self._facts = facts
+        self._facts, self._last_failure = facts, ""
         self.overlay.show(by_layer(drawing))
         self._show_places()
         self.words.setText(summary_html(facts))
@@ -316,7 +319,9 @@ class PlannerDock(QDockWidget):
         self._no_plan("")
         message = in_the_docks_words(message)
         self.words.setText(html.escape(message))
-        self._messages.fail(message)
+        if message != self._last_failure:  # a corner that is dragged need not say the same again and again
+            self._messages.fail(message)
+        self._last_failure = message
 
     def _ask_cameras(self) -> None:
         if self._asked_cameras:

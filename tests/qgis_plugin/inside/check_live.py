@@ -83,8 +83,7 @@ def _connect(dock, flight, wait_until):
 
 def _image(canvas, wait_until):
     """What is on the canvas once it is drawn."""
-    QCoreApplication.processEvents()
-    canvas.waitWhileRendering()
+    QCoreApplication.processEvents()  # waitWhileRendering would keep downloads from the events that they need
     wait_until(lambda: not canvas.isDrawing(), "the picture")
     return canvas.grab().toImage()
 
