@@ -95,6 +95,7 @@ class ImageryTools(QObject):
 
     def release(self) -> None:
         """Give back what is on the canvas and end what runs; the replaced layers stay replaced."""
+        self._tool_before = None  # it may be a dock's, which is gone by now
         self.swipe(False)
         if self._compare is not None:
             self._compare.release()

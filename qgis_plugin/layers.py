@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from qgis.core import (
+    QgsCoordinateReferenceSystem,
     QgsCoordinateTransform,
+    QgsCsException,
     QgsDataProvider,
     QgsLayerTreeGroup,
     QgsLayerTreeLayer,
@@ -24,6 +27,7 @@ from .translation import tr
 FOLDER = "photomap/folder"
 ROLE = "photomap/role"
 """Custom properties of the layers and of their group: which mission, and as what. They are kept in the project."""
+FIRST_BAND = "vrt://{}?bands=1"
 SHOWN = frozenset({"map", "finds", "track"})
 
 
@@ -44,8 +48,8 @@ def titles() -> dict[str, str]:
 
 def add_mission(
     mission: MissionFiles, project: QgsProject, *, parent: QgsLayerTreeGroup | None = None, index: int = 0
-) -> Iterator[QgsLayerTreeGroup]:
-    """Add a mission's layers as one group at a place of the tree, a layer a step; yields the group after each step.
+) -> Iterator[QgsLayerTreeGroup | None]:
+    """Add a mission's layers as one group at a place of the tree, in small steps; the last value is the group.
 
     From top to bottom: finds, track, cameras, footprints, a closed group of what is known of each pixel, and the map.
     Only finds, track and map are ticked. A mission that is in the project already is shown anew in its group.
@@ -55,7 +59,10 @@ def add_mission(
     if there is not None:
         yield from refresh_mission(mission, project, there)
         return
-    maps = [_map_layer(m) for m in mission.maps]
+    maps = []
+    for found in mission.maps:
+        maps.append(_map_layer(found))
+        yield None
     group = (parent or project.layerTreeRoot()).insertGroup(index, mission.title)
     group.setCustomProperty(FOLDER, str(mission.folder))
     known = None
@@ -63,9 +70,11 @@ def add_mission(
         _add(layer, "map", mission, project, group)
         yield group
     for at, (role, layer) in enumerate(_overlays(mission)):
+        yield group
         _add(layer, role, mission, project, group, index=at)
         yield group
     for role, layer in _known(mission):
+        yield group
         if known is None:
             known = group.insertGroup(len(group.children()) - len(maps), tr("What is known of each pixel"))
             known.setExpanded(False)
@@ -90,6 +99,7 @@ def refresh_mission(
             layer.setName(map_title(found, len(mission.maps)))
         if Path(_path(layer)).is_file():
             reopen(layer)
+            _without_place(layer, mission.georeferenced)
         yield group
     for found in mission.maps:
         if ("map", str(found.path)) not in present:
@@ -102,7 +112,7 @@ def refresh_mission(
             yield group
 
 
-def whole(steps: Iterator[QgsLayerTreeGroup]) -> QgsLayerTreeGroup:
+def whole(steps: Iterator[QgsLayerTreeGroup | None]) -> QgsLayerTreeGroup:
     """Take all steps at once and return the group: for scripts; a window takes one a turn of its event loop."""
     return list(steps)[-1]
 
@@ -136,6 +146,7 @@ def open_map(found: MapFile, name: str) -> QgsRasterLayer:
     layer = QgsRasterLayer(str(found.path), name, "gdal")
     if not layer.isValid():
         raise MissionError(f"{found.path} cannot be shown: {layer.error().summary() or 'make the map again'}")
+    _without_place(layer, found.georeferenced)
     style_map(layer)
     return layer
 
@@ -154,7 +165,10 @@ def zoom_to(layer: QgsMapLayer, canvas) -> None:
         change = QgsCoordinateTransform(
             layer.crs(), settings.destinationCrs(), QgsProject.instance().transformContext()
         )
-        extent = change.transformBoundingBox(extent)
+        try:
+            extent = change.transformBoundingBox(extent)
+        except QgsCsException:  # the window's CRS does not reach there: the view stays where it is
+            return
     extent = QgsRectangle(extent)
     extent.scale(1.1)
     canvas.setExtent(extent)
@@ -183,7 +197,10 @@ def _known(mission: MissionFiles, shown: frozenset[str] = frozenset()) -> Iterat
     for role, path in mission.layers.items():
         if role in shown:
             continue
-        layer = QgsRasterLayer(str(path), titles()[role], "gdal")
+        # Of a file of several bands QGIS would first take a histogram of three: a tenth of a second without an answer.
+        layer = QgsRasterLayer(FIRST_BAND.format(path), titles()[role], "gdal")
+        if not layer.isValid():  # a name that GDAL cannot take apart
+            layer = QgsRasterLayer(str(path), titles()[role], "gdal")
         if layer.isValid():
             style_raster_layer(layer, role)
             yield role, layer
@@ -192,14 +209,21 @@ def _known(mission: MissionFiles, shown: frozenset[str] = frozenset()) -> Iterat
 def _add(layer, role: str, mission: MissionFiles, project: QgsProject, group: QgsLayerTreeGroup, *, index: int = -1):
     layer.setCustomProperty(FOLDER, str(mission.folder))
     layer.setCustomProperty(ROLE, role)
+    _without_place(layer, mission.georeferenced)
     project.addMapLayer(layer, False)
     node: QgsLayerTreeLayer = group.addLayer(layer) if index < 0 else group.insertLayer(index, layer)
     node.setItemVisibilityChecked(role in SHOWN)
     node.setExpanded(False)
 
 
+def _without_place(layer: QgsMapLayer, georeferenced: bool) -> None:
+    """Take the engineering CRS off a layer that has no place on Earth: QGIS would try to bring it to another one."""
+    if not georeferenced:
+        layer.setCrs(QgsCoordinateReferenceSystem())
+
+
 def _path(layer: QgsMapLayer) -> str:
-    return layer.source().split("|", 1)[0]
+    return re.sub(r"^vrt://(.*)\?bands=1$", r"\1", layer.source().split("|", 1)[0])
 
 
 def _groups(root: QgsLayerTreeGroup) -> Iterator[QgsLayerTreeGroup]:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from qgis.core import QgsJsonUtils, QgsLayerTreeGroup, QgsProject, QgsVectorLayer
+from qgis.core import QgsJsonUtils, QgsLayerTreeGroup, QgsMapLayer, QgsProject, QgsRasterLayer, QgsVectorLayer
 
 MARK = "photomap/passing"
 """The custom property of layers and groups that a project need not keep."""
@@ -42,6 +42,8 @@ class Overlay:
         self._title = title
         self._specs = {spec.key: spec for spec in specs}
         self._ids: dict[str, str] = {}
+        self._raster_ids: list[str] = []
+        self._held: dict[str, Features] = {}
 
     @property
     def layers(self) -> dict[str, QgsVectorLayer]:
@@ -55,8 +57,11 @@ class Overlay:
             self.set_features(key, items)
 
     def set_features(self, key: str, items: Features) -> None:
-        """Set what one layer holds, and draw it anew."""
+        """Set what one layer holds, and draw it anew where that is something else."""
         layer = self.layers.get(key)
+        if layer is not None and self._held.get(key) == items:
+            return
+        self._held[key] = items
         if layer is None:
             if not items:
                 return
@@ -77,7 +82,8 @@ class Overlay:
         """Take layers and group out of the project."""
         project = QgsProject.instance()
         project.removeMapLayers([layer.id() for layer in self.layers.values()])
-        self._ids = {}
+        self._ids, self._held = {}, {}
+        self.remove_rasters()
         group = self._group()
         if group is not None and not group.children():
             group.parent().removeChildNode(group)
@@ -88,31 +94,49 @@ class Overlay:
                 return group
         return None
 
-    def _add(self, spec: LayerSpec) -> QgsVectorLayer:
-        project = QgsProject.instance()
-        layer = QgsVectorLayer(spec.uri, spec.title, "memory")
-        layer.setCustomProperty("skipMemoryLayersCheck", 1)  # closing QGIS must not ask about it
-        layer.setCustomProperty(MARK, self._title)
-        layer.setReadOnly(True)
-        spec.style(layer)
+    def add_raster(self, layer: QgsRasterLayer, *, shown: bool) -> None:
+        """Put a raster layer under all that is there."""
+        self._insert(layer, len(self._made_group().children()), shown=shown)
+        self._raster_ids.append(layer.id())
+
+    def remove_rasters(self) -> None:
+        """Take the raster layers out of the project."""
+        there = [number for number in self._raster_ids if QgsProject.instance().mapLayer(number) is not None]
+        QgsProject.instance().removeMapLayers(there)
+        self._raster_ids = []
+
+    def _made_group(self) -> QgsLayerTreeGroup:
         group = self._group()
         if group is None:
-            group = project.layerTreeRoot().insertGroup(0, self._title)
+            group = QgsProject.instance().layerTreeRoot().insertGroup(0, self._title)
             group.setCustomProperty(MARK, self._title)
-        was_dirty = project.isDirty()
-        project.addMapLayer(layer, False)
+        return group
+
+    def _add(self, spec: LayerSpec) -> QgsVectorLayer:
+        layer = QgsVectorLayer(spec.uri, spec.title, "memory")
+        layer.setCustomProperty("skipMemoryLayersCheck", 1)  # closing QGIS must not ask about it
+        layer.setReadOnly(True)
+        spec.style(layer)
         order = list(self._specs)
         above = sum(key in self.layers and order.index(key) < order.index(spec.key) for key in self._ids)
-        node = group.insertLayer(above, layer)
-        node.setExpanded(False)
-        node.setItemVisibilityChecked(spec.shown)
+        self._insert(layer, above, shown=spec.shown)
         self._ids[spec.key] = layer.id()
-        project.setDirty(was_dirty)  # nothing of the user's was changed
         return layer
+
+    def _insert(self, layer: QgsMapLayer, at: int, *, shown: bool) -> None:
+        project = QgsProject.instance()
+        layer.setCustomProperty(MARK, self._title)
+        was_dirty = project.isDirty()
+        group = self._made_group()
+        project.addMapLayer(layer, False)
+        node = group.insertLayer(at, layer)
+        node.setExpanded(False)
+        node.setItemVisibilityChecked(shown)
+        project.setDirty(was_dirty)  # nothing of the user's was changed
 
 
 def _qgis_features(items: Features, layer: QgsVectorLayer) -> list:
-    """GeoJSON as QGIS's features, by C++: thousands take milliseconds. It reads properties by their order, not names."""
+    """GeoJSON as QGIS's features, by C++: thousands in milliseconds. It reads properties by order, not by name."""
     names = layer.fields().names()
     ordered = [
         {"type": "Feature", "geometry": f["geometry"], "properties": {n: f["properties"].get(n) for n in names}}
@@ -123,7 +147,7 @@ def _qgis_features(items: Features, layer: QgsVectorLayer) -> list:
     )
 
 
-def sweep() -> None:
+def sweep(*_: object) -> None:
     """Take out what an earlier session left in a project that was saved meanwhile."""
     project = QgsProject.instance()
     left = [layer.id() for layer in project.mapLayers().values() if layer.customProperty(MARK)]

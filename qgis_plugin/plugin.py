@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from qgis.core import QgsApplication, QgsMapLayerType
+from qgis.core import QgsApplication, QgsMapLayerType, QgsProject
 from qgis.PyQt.QtCore import QCoreApplication, Qt
 from qgis.PyQt.QtGui import QIcon
-from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget
+from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget, QMenu
 
 from .messages import Messages
+from .overlay import sweep
 from .translation import install_translator, tr
 
 HERE = Path(__file__).parent
@@ -50,6 +51,7 @@ class DockEntry:
 DOCKS: tuple[DockEntry, ...] = (
     DockEntry("map", "Photo map", ".main_dock.dock", "MainDock"),
     DockEntry("planner", "Flight planner", ".planner.dock", "PlannerDock", "icons/planner.svg"),
+    DockEntry("live", "Live map", ".live.dock", "LiveDock", "icons/live.svg"),
     DockEntry("georeference", "Georeference", ".georeference.dock", "GeoreferenceDock", "icons/georeference.svg"),
 )
 """The registration table: one line a dock, in the order of the menu."""
@@ -64,6 +66,7 @@ class PhotomapPlugin:
         self._docks: dict[str, QDockWidget] = {}
         self._actions: dict[str, QAction] = {}
         self._help: QDialog | None = None
+        self._menu: QMenu | None = None
         self.context: Context | None = None
 
     def initGui(self) -> None:
@@ -79,6 +82,9 @@ class PhotomapPlugin:
         engine.ended.connect(messages.log)  # whoever waited for it says so in the message bar
         self._undo.append(engine.shutdown)
         self.context = Context(self._iface, engine, messages, self.open_dock, self.show_help)
+        # What docks put into the project is theirs: a project that was saved meanwhile is rid of it when it is opened.
+        QgsProject.instance().readProject.connect(sweep)
+        self._undo.append(lambda: QgsProject.instance().readProject.disconnect(sweep))
         self._add_options()
         self.initProcessing()
         self._add_actions()
@@ -103,6 +109,8 @@ class PhotomapPlugin:
             self._help = None
         self._actions.clear()
         self.context = None
+        if self._iface.mapCanvas().mapTool() is None:  # one of ours was in hand
+            self._iface.actionPan().trigger()
 
     def open_dock(self, key: str) -> QDockWidget:
         """Show a dock of the table, made now if it was not there yet, and return it."""
@@ -157,6 +165,12 @@ class PhotomapPlugin:
 
     def _add_actions(self) -> None:
         window = self._iface.mainWindow()
+        # A menu of our own in the menu Raster: what QGIS's own helper makes outlives the plugin.
+        self._menu = QMenu(MENU, window)
+        self._menu.setObjectName("photomapMenu")
+        self._menu.setIcon(QIcon(str(ICON)))
+        self._iface.rasterMenu().addMenu(self._menu)
+        self._undo.append(self._take_menu)
         bar = self._iface.addToolBar("photomap")
         bar.setObjectName("photomapToolBar")
 
@@ -175,6 +189,12 @@ class PhotomapPlugin:
         action.triggered.connect(lambda: self._iface.showOptionsDialog(window, currentPage="photomapOptions"))
         action = self._add_action("help", tr("Help"))
         action.triggered.connect(lambda: self.show_help())
+
+    def _take_menu(self) -> None:
+        menu, self._menu = self._menu, None
+        self._iface.rasterMenu().removeAction(menu.menuAction())
+        menu.setParent(None)
+        menu.deleteLater()
 
     def _add_imagery_actions(self, bar) -> None:
         from .imagery import ImageryTools
@@ -201,12 +221,11 @@ class PhotomapPlugin:
         action = QAction(QIcon(str(HERE / icon)) if icon else QIcon(), text, self._iface.mainWindow())
         action.setObjectName(f"photomap_action_{key}")
         action.setToolTip(text.rstrip("…"))
-        self._iface.addPluginToRasterMenu(MENU, action)
+        self._menu.addAction(action)
         if bar is not None:
             bar.addAction(action)
 
         def take() -> None:
-            self._iface.removePluginRasterMenu(MENU, action)
             action.setParent(None)
             action.deleteLater()
 

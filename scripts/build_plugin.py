@@ -65,17 +65,18 @@ def build(folder: Path, compiled: dict[str, Path]) -> Path:
     """Write the zip into a folder and return it; it appears whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{NAME}-qgis-{version()}.zip"
-    with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:
-        scratch = Path(file.name)
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+    scratch = target.with_suffix(".part")
+    try:
+        with zipfile.ZipFile(scratch, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
             for name, path in sorted(members(compiled).items()):
                 entry = zipfile.ZipInfo(f"{NAME}/{name}", DATE)
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 entry.external_attr = 0o644 << 16
                 entry.create_system = 3
                 archive.writestr(entry, path.read_bytes())
-    scratch.chmod(0o644)
-    scratch.replace(target)
+        scratch.replace(target)
+    finally:
+        scratch.unlink(missing_ok=True)
     return target
 
 

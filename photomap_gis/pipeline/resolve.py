@@ -243,8 +243,9 @@ def _seen_at(trajectory: Trajectory, xy_map: FloatArray, pick: Pick) -> tuple[Si
         if off <= 0.5:
             found.append((off, p.frame, Sighting(f"#{p.frame}", (float(px[0]), float(px[1])), PICK_SIGMA_PX)))
     if not found:
+        option = "--check-pick" if pick.check else "--pick"
         raise UsageError(
-            f"--{'check-pick' if pick.check else 'pick'} {pick.x:g},{pick.y:g} is not on the map: X,Y are coordinates as a GIS shows them on map.tif"
+            f"{option} {pick.x:g},{pick.y:g} is not on the map: X,Y are coordinates as a GIS shows them on map.tif"
         )
     return tuple(s for _, _, s in sorted(found, key=lambda f: f[:2])[:PICTURES_A_PICK])
 

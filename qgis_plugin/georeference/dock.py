@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qgis.core import QgsCoordinateTransform, QgsPointXY, QgsProject
+from qgis.core import QgsCoordinateTransform, QgsCsException, QgsPointXY, QgsProject
 from qgis.PyQt.QtWidgets import (
     QDockWidget,
     QDoubleSpinBox,
@@ -26,6 +26,7 @@ from ..main_dock.map_form import file_widget, raster_box
 from ..mission import MissionError, MissionFiles, read_mission
 from ..mission_box import MissionBox
 from ..places import PlaceError, from_lonlat, metres_between, to_lonlat
+from ..scrolling import narrow_no_further
 from ..stepwise import Stepwise
 from ..translation import tr
 from .map_view import MapView
@@ -117,7 +118,10 @@ class GeoreferenceDock(QDockWidget):
         if on:
             project = QgsProject.instance()
             change = QgsCoordinateTransform(layers[0].crs(), self._canvas.mapSettings().destinationCrs(), project)
-            outline = change.transformBoundingBox(layers[0].extent())
+            try:
+                outline = change.transformBoundingBox(layers[0].extent())
+            except QgsCsException:
+                outline = self._canvas.extent()
             tool = NudgeTool(self._canvas, outline, self._dragged, self._tool_ended)
         self._take_tool(tool)
         self.drag_button.setChecked(on)
@@ -257,6 +261,8 @@ class GeoreferenceDock(QDockWidget):
         if tool is not None:
             self._tool = tool
             self._canvas.setMapTool(tool)
+        elif old is not None and self._canvas.mapTool() is None:
+            self._context.iface.actionPan().trigger()
 
     def _tool_ended(self) -> None:
         """Another tool was chosen, or Esc pressed."""
@@ -328,6 +334,7 @@ class GeoreferenceDock(QDockWidget):
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setWidget(inside)
+        narrow_no_further(scroll)
         self.setWidget(scroll)
 
 

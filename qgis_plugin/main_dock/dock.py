@@ -22,6 +22,7 @@ from ..export_dialog import ExportDialog
 from ..job_bar import JobBar
 from ..layers import add_mission, map_layers, zoom_to
 from ..mission import MissionError, MissionFiles, read_mission
+from ..scrolling import narrow_no_further
 from ..settings import default_folder, load_settings, remember_mission
 from ..stepwise import Stepwise
 from ..translation import tr
@@ -196,4 +197,5 @@ class MainDock(QDockWidget):
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setWidget(inside)
+        narrow_no_further(scroll)
         self.setWidget(scroll)

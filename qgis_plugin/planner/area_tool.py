@@ -32,8 +32,8 @@ _FILL = QColor(20, 90, 200, 40)
 class AreaTool(QgsMapTool):
     """Takes a polygon, or a line where ``is_line``, of corners in WGS 84 (longitude, latitude).
 
-    ``shape_changed`` is sent when a shape is closed, while a corner is dragged, and when it is cleared; ``refused`` with
-    words when what is there cannot be closed; ``left`` when Esc is pressed with nothing begun.
+    ``shape_changed`` is sent when a shape is closed, while a corner is dragged, and when it is cleared; ``refused``
+    with words when what is there cannot be closed; ``left`` when Esc is pressed with nothing begun.
     """
 
     shape_changed = pyqtSignal()
@@ -70,6 +70,11 @@ class AreaTool(QgsMapTool):
     def corners(self) -> tuple[tuple[float, float], ...]:
         """The closed shape's corners as (longitude, latitude) in degrees; empty where there is none."""
         return tuple((p.x(), p.y()) for p in self._corners) if self._closed else ()
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a corner."""
+        return bool(self._corners)
 
     def set_corners(self, corners: Sequence[tuple[float, float]]) -> None:
         """Take a closed shape from elsewhere, (longitude, latitude) in degrees."""

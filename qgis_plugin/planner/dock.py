@@ -21,14 +21,13 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ..overlay import sweep
+from ..point_tool import PointTool
 from ..settings import default_folder, load_settings
 from ..translation import tr
 from .area_tool import AreaTool
 from .features import Taken, UnusableLayerError, every, selected
 from .form import PlannerForm, UnusableFieldError
 from .layers import by_layer, place_feature, plan_overlay
-from .point_tool import PointTool
 from .preview import Preview
 from .request import FROM_DATUM, NEED_A_LINE, PlanRequest
 from .result import in_the_docks_words, summary_html, warnings_html
@@ -61,6 +60,7 @@ class PlannerDock(QDockWidget):
         self._facts: dict | None = None
         self._asked_cameras = False
         self._released = False
+        self._last_failure = ""
         self._saving: object | None = None
         self._before_tool = None
         self.overlay = plan_overlay()
@@ -78,7 +78,6 @@ class PlannerDock(QDockWidget):
     def release(self) -> None:
         """Give back map tools, rubber bands, layers, jobs and files."""
         self._released = True
-        QgsProject.instance().readProject.disconnect(self._project_read)
         QgsProject.instance().cleared.disconnect(self._project_cleared)
         if self._saving is not None:
             self._saving.cancel()
@@ -166,7 +165,6 @@ class PlannerDock(QDockWidget):
         self.preview.busy.connect(self.bar.setVisible)
         self.vehicle.upload_wanted.connect(self._upload)
         self.vehicle.stands_at.connect(lambda lat, lon: self._home_picked(lon, lat))
-        QgsProject.instance().readProject.connect(self._project_read)
         QgsProject.instance().cleared.connect(self._project_cleared)
 
     # places
@@ -256,6 +254,8 @@ class PlannerDock(QDockWidget):
 
     def _edited(self) -> None:
         self._ask_cameras()
+        if not self.tool.begun:
+            self.tool.is_line = self.form.pattern.currentData() in NEED_A_LINE
         if (missing := self._missing()) is not None:
             self.preview.stop()
             self._no_plan(missing)
@@ -307,7 +307,7 @@ class PlannerDock(QDockWidget):
         self.vehicle.set_sorties(1)
 
     def _planned(self, facts: dict, drawing: dict) -> None:
-        self._facts = facts
+        self._facts, self._last_failure = facts, ""
         self.overlay.show(by_layer(drawing))
         self._show_places()
         self.words.setText(summary_html(facts))
@@ -319,7 +319,9 @@ class PlannerDock(QDockWidget):
         self._no_plan("")
         message = in_the_docks_words(message)
         self.words.setText(html.escape(message))
-        self._messages.fail(message)
+        if message != self._last_failure:  # a corner that is dragged need not say the same again and again
+            self._messages.fail(message)
+        self._last_failure = message
 
     def _ask_cameras(self) -> None:
         if self._asked_cameras:
@@ -397,9 +399,6 @@ class PlannerDock(QDockWidget):
         self.vehicle.upload(plans[sortie])
 
     # the project
-
-    def _project_read(self, *_) -> None:
-        sweep()
 
     def _project_cleared(self) -> None:
         if self._facts is not None or self._home is not None:

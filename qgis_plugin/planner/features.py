@@ -1,4 +1,4 @@
-"""Areas from layers: features of any CRS become GeoJSON in WGS 84, with words on what cannot be used or is not sound."""
+"""Areas from layers: features of any CRS become GeoJSON in WGS 84, with words on what cannot be used or is unsound."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import tempfile
@@ -14,6 +15,8 @@ from ..translation import tr
 from .request import PlanRequest
 
 PAUSE_MS = 300
+MOST_KEPT = 20
+"""Files of areas: jobs that were started a moment ago still read theirs."""
 
 
 class Preview(QObject):
@@ -31,6 +34,8 @@ class Preview(QObject):
         self._start = start
         self._folder = Path(tempfile.mkdtemp(prefix="photomap-plan-"))
         self._number = 0
+        self._kept: list[Path] = []
+        self._names = itertools.count(1)
         self._job: object | None = None
         self._request: Callable[[], PlanRequest | None] | None = None
         self._timer = QTimer(self)
@@ -60,9 +65,11 @@ class Preview(QObject):
 
     def keep(self, name: str, text: str) -> str:
         """Write a file for the next job and return its path; earlier jobs keep theirs."""
-        path = self._folder / f"{self._number + 1}-{name}"
-        path.write_text(text, encoding="utf-8")
-        return str(path)
+        self._kept.append(self._folder / f"kept-{next(self._names)}-{name}")
+        self._kept[-1].write_text(text, encoding="utf-8")
+        while len(self._kept) > MOST_KEPT:
+            self._kept.pop(0).unlink()
+        return str(self._kept[-1])
 
     def _drop(self) -> None:
         job, self._job = self._job, None

@@ -8,19 +8,17 @@ from qgis.core import (
     QgsLineSymbol,
     QgsMarkerLineSymbolLayer,
     QgsMarkerSymbol,
-    QgsPalLayerSettings,
     QgsProperty,
     QgsRuleBasedRenderer,
     QgsSimpleLineSymbolLayer,
     QgsSingleSymbolRenderer,
     QgsSymbolLayer,
-    QgsTextBufferSettings,
-    QgsTextFormat,
     QgsUnitTypes,
     QgsVectorLayer,
-    QgsVectorLayerSimpleLabeling,
 )
 from qgis.PyQt.QtGui import QColor
+
+from ..symbols import fill_style, label_style
 
 SORTIE_COLOURS = ("#1f5fbf", "#c2570c", "#17803d", "#8b2fa8", "#b01030", "#0e7c86", "#7a6a00", "#555555")
 """One a sortie, over again after the last; dark enough on imagery and on maps."""
@@ -37,7 +35,7 @@ def sortie_colour() -> QgsProperty:
 
 def style_area(layer: QgsVectorLayer) -> None:
     """A dashed outline: what was asked for."""
-    _fill(layer, style="no", outline_color="20,90,200,255", outline_width="0.6", outline_style="dash")
+    fill_style(layer, style="no", outline_color="20,90,200,255", outline_width="0.6", outline_style="dash")
 
 
 def style_avoid(layer: QgsVectorLayer) -> None:
@@ -47,12 +45,12 @@ def style_avoid(layer: QgsVectorLayer) -> None:
 
 def style_covered(layer: QgsVectorLayer) -> None:
     """A breath of green: sure to be seen."""
-    _fill(layer, color="60,170,90,50", outline_style="no")
+    fill_style(layer, color="60,170,90,50", outline_style="no")
 
 
 def style_uncovered(layer: QgsVectorLayer) -> None:
     """Magenta: not sure to be seen."""
-    _fill(layer, color="220,0,160,150", outline_color="160,0,120,255", outline_width="0.4")
+    fill_style(layer, color="220,0,160,150", outline_color="160,0,120,255", outline_width="0.4")
 
 
 def style_footprints(layer: QgsVectorLayer) -> None:
@@ -90,7 +88,7 @@ def style_waypoints(layer: QgsVectorLayer) -> None:
     )
     dot.symbolLayer(0).setDataDefinedProperty(QgsSymbolLayer.Property.PropertyFillColor, sortie_colour())
     layer.setRenderer(QgsSingleSymbolRenderer(dot))
-    _label(layer, '"seq"', 7.0, most_scale=6_000)
+    label_style(layer, '"seq"', 7.0, most_scale=6_000)
 
 
 def style_places(layer: QgsVectorLayer) -> None:
@@ -131,16 +129,12 @@ def style_stored_items(layer: QgsVectorLayer) -> None:
         {"name": "square", "size": "2.2", "color": "106,27,154", "outline_color": "255,255,255"}
     )
     layer.setRenderer(QgsSingleSymbolRenderer(symbol))
-    _label(layer, '"seq"', 7.0, most_scale=8_000)
+    label_style(layer, '"seq"', 7.0, most_scale=8_000)
 
 
 def style_fence(layer: QgsVectorLayer) -> None:
     """A dotted violet outline."""
-    _fill(layer, style="no", outline_color="106,27,154,255", outline_width="0.5", outline_style="dot")
-
-
-def _fill(layer: QgsVectorLayer, **look: str) -> None:
-    layer.setRenderer(QgsSingleSymbolRenderer(QgsFillSymbol.createSimple(look)))
+    fill_style(layer, style="no", outline_color="106,27,154,255", outline_width="0.5", outline_style="dot")
 
 
 def _hatched(layer: QgsVectorLayer, colour: QColor, *, line_angle: float) -> None:
@@ -154,19 +148,3 @@ def _hatched(layer: QgsVectorLayer, colour: QColor, *, line_angle: float) -> Non
     hatch.subSymbol().setWidth(0.25)
     symbol.appendSymbolLayer(hatch)
     layer.setRenderer(QgsSingleSymbolRenderer(symbol))
-
-
-def _label(layer: QgsVectorLayer, expression: str, size_pt: float, *, most_scale: float) -> None:
-    settings = QgsPalLayerSettings()
-    settings.fieldName, settings.isExpression = expression, True
-    text = QgsTextFormat()
-    text.setSize(size_pt)
-    halo = QgsTextBufferSettings()
-    halo.setEnabled(True)
-    halo.setSize(0.6)
-    text.setBuffer(halo)
-    settings.setFormat(text)
-    settings.scaleVisibility = True
-    settings.minimumScale, settings.maximumScale = most_scale, 0.0
-    layer.setLabeling(QgsVectorLayerSimpleLabeling(settings))
-    layer.setLabelsEnabled(True)

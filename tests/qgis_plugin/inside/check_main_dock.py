@@ -204,9 +204,8 @@ def test_export_asks_for_formats_area_and_crs(dock, context, window, mission, tm
     shutil.copy(own / "map.tif", own / "exports" / "map.tif")
     job.finished.emit({"outputs": [str(own / "exports" / "map.tif")], "files": [{"note": "packed with loss"}]})
     assert said == [("info", "Written: map.tif"), ("warn", "packed with loss")]
-    assert [layer.source() for layer in QgsProject.instance().mapLayersByName("map")] == [
-        str(own / "exports" / "map.tif")
-    ]
+    (layer,) = QgsProject.instance().mapLayersByName("own: export map.tif")
+    assert layer.source() == str(own / "exports" / "map.tif")
 
 
 def test_burning_into_old_imagery_is_a_geotiff_on_its_grid(dock, context, mission, tmp_path):

@@ -3,13 +3,16 @@
 import gc
 import importlib
 import pkgutil
+import shutil
+import subprocess
 
 import pytest
-from qgis.core import QgsApplication
+from qgis.core import QgsApplication, QgsSettings
 from qgis.PyQt.QtCore import QCoreApplication, QEvent, QThread
-from qgis.PyQt.QtWidgets import QAction, QDockWidget, QToolBar
+from qgis.PyQt.QtWidgets import QAction, QDockWidget, QMenu, QToolBar
 
 import qgis_plugin
+from qgis_plugin import translation
 from qgis_plugin.options import OptionsPage
 from qgis_plugin.plugin import DOCKS
 from qgis_plugin.settings import Settings, load_settings, save_settings
@@ -26,9 +29,10 @@ def census(window):
         "actions": sorted(a.objectName() for a in main.findChildren(QAction) if a.objectName().startswith("photomap")),
         "docks": [d.objectName() for d in main.findChildren(QDockWidget)],
         "bars": [b.objectName() for b in main.findChildren(QToolBar)],
-        "menu": len(window.menu),
+        "menu": [a.text() for a in window.menu.actions()],
         "options": len(window.options),
         "layer actions": len(window.layer_actions),
+        "menus": [m.objectName() for m in main.findChildren(QMenu) if m.objectName().startswith("photomap")],
         "canvas items": len(window.canvas.scene().items()),
         "map tool": window.canvas.mapTool(),
         "providers": [p.id() for p in QgsApplication.processingRegistry().providers() if p.id() == "photomap"],
@@ -50,7 +54,8 @@ def test_loaded_and_unloaded_three_times_it_leaves_nothing(window, empty):
         assert there["bars"] == ["photomapToolBar"]
         assert there["options"] == there["layer actions"] == 1
         assert there["docks"] == [], "docks are made when they are asked for"
-        assert len(there["actions"]) == there["menu"] >= 7 + len(DOCKS) - 1
+        assert there["menu"] == ["photomap"]
+        assert len(there["actions"]) == 6 + len(DOCKS)
         for entry in DOCKS:
             plugin.open_dock(entry.key)
         assert len(census(window)["docks"]) == len(DOCKS)
@@ -127,3 +132,33 @@ def test_the_options_page_shows_and_keeps_what_was_chosen(window, program, tmp_p
     again.test.click()
     assert "/nowhere/photomap" in again.found.text()
     save_settings(Settings())
+
+
+def test_it_speaks_german_where_qgis_does(qgis_app, tmp_path, monkeypatch):
+    tool = shutil.which("lrelease")
+    if tool is None:
+        pytest.skip("no lrelease (apt install qttools5-dev-tools)")
+    source = translation.FOLDER / "photomap_de.ts"
+    subprocess.run([tool, str(source), "-qm", str(tmp_path / "photomap_de.qm")], check=True, capture_output=True)
+    monkeypatch.setattr(translation, "FOLDER", tmp_path)
+    assert translation.install_translator() is None or translation.language() == "de"
+    QgsSettings().setValue("locale/overrideFlag", True)
+    QgsSettings().setValue("locale/userLocale", "de_DE")
+    found = translation.install_translator()
+    try:
+        assert translation.tr("Replace imagery…") == "Bilddaten ersetzen …"
+        assert translation.tr("words that nobody has translated") == "words that nobody has translated"
+    finally:
+        QCoreApplication.removeTranslator(found)
+        QgsSettings().setValue("locale/overrideFlag", False)
+    assert translation.tr("Replace imagery…") == "Replace imagery…"
+
+
+def test_help_is_a_page_with_its_pictures(window):
+    plugin = qgis_plugin.classFactory(window)
+    plugin.initGui()
+    plugin.show_help()
+    text = plugin._help.text.toPlainText()
+    assert text.startswith("photomap in QGIS")
+    assert "Replace imagery" in text
+    plugin.unload()

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 from qgis.core import QgsCoordinateReferenceSystem, QgsProject
-from qgis.gui import QgsLayerTreeMapCanvasBridge, QgsMapCanvas, QgsMessageBar
+from qgis.gui import QgsLayerTreeMapCanvasBridge, QgsMapCanvas, QgsMapToolPan, QgsMessageBar
 from qgis.PyQt.QtCore import QObject, pyqtSignal
-from qgis.PyQt.QtWidgets import QMainWindow
+from qgis.PyQt.QtWidgets import QAction, QMainWindow, QMenu
 
 from qgis_plugin.messages import Messages
 from qgis_plugin.plugin import Context
@@ -60,7 +60,11 @@ class Window:
         self.bridge.setAutoSetupOnFirstLayer(False)
         self.active = None
         self.options: list[object] = []
-        self.menu: list[object] = []
+        self.menu = QMenu(self.main)
+        self.pan = QAction(self.main)
+        self.pan.triggered.connect(lambda: self.canvas.setMapTool(self.pan_tool))
+        self.pan_tool = QgsMapToolPan(self.canvas)
+        self.canvas.setMapTool(self.pan_tool)
         self.layer_actions: list[object] = []
 
     def mainWindow(self):
@@ -87,11 +91,11 @@ class Window:
     def addToolBar(self, name):
         return self.main.addToolBar(name)
 
-    def addPluginToRasterMenu(self, menu, action):
-        self.menu.append(action)
+    def actionPan(self):
+        return self.pan
 
-    def removePluginRasterMenu(self, menu, action):
-        self.menu.remove(action)
+    def rasterMenu(self):
+        return self.menu
 
     def registerOptionsWidgetFactory(self, factory):
         self.options.append(factory)

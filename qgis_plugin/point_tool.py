@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from qgis.core import QgsCoordinateReferenceSystem, QgsCoordinateTransform, QgsCsException, QgsProject
+import math
+
+from qgis.core import QgsCoordinateReferenceSystem, QgsCoordinateTransform, QgsCsException, QgsPointXY, QgsProject
 from qgis.gui import QgsMapCanvas, QgsMapTool
 from qgis.PyQt.QtCore import Qt, pyqtSignal
 
-from ..translation import tr
+from .translation import tr
 
 WGS84 = "EPSG:4326"
 
@@ -29,19 +31,27 @@ class PointTool(QgsMapTool):
             self._canvas.unsetMapTool(self)
         self.deleteLater()
 
-    def canvasReleaseEvent(self, event) -> None:
-        """Hand the place over."""
-        if event.button() != Qt.MouseButton.LeftButton:
-            return
+    def to_degrees(self, x: float, y: float) -> tuple[float, float] | None:
+        """Return longitude and latitude of a place in the map's units, ``None`` where it has none."""
         to_wgs84 = QgsCoordinateTransform(
             self._canvas.mapSettings().destinationCrs(), QgsCoordinateReferenceSystem(WGS84), QgsProject.instance()
         )
         try:
-            place = to_wgs84.transform(event.mapPoint())
+            place = to_wgs84.transform(QgsPointXY(x, y))
         except QgsCsException:
-            self.refused.emit(tr("This place cannot be said in degrees: choose a map projection that reaches there."))
+            return None
+        sound = math.isfinite(place.x()) and abs(place.x()) <= 360 and abs(place.y()) <= 90
+        return (place.x(), place.y()) if sound else None
+
+    def canvasReleaseEvent(self, event) -> None:
+        """Hand the place over."""
+        if event.button() != Qt.MouseButton.LeftButton:
             return
-        self.picked.emit(place.x(), place.y())
+        place = self.to_degrees(event.mapPoint().x(), event.mapPoint().y())
+        if place is None:
+            self.refused.emit(tr("This place cannot be said in degrees: choose a projection that reaches there."))
+            return
+        self.picked.emit(*place)
 
     def keyPressEvent(self, event) -> None:
         """Esc leaves."""
