@@ -2,8 +2,8 @@
 
 A session hands out values and never waits for whoever looks. All that is here may be called from any thread at any
 moment and must come back at once, with what is known now; only ``read`` of a raster and ``picture_at`` may take the
-milliseconds that reading takes. Callbacks given to ``subscribe`` and ``watch`` never block and never raise, so a session may call
-them from its loop.
+milliseconds that reading takes. Callbacks given to ``subscribe`` and ``watch`` never block and never raise, so a
+session may call them from its loop.
 
 Places are of the session's internal map frame (metres, x east, y **south**; a map without a place on Earth: pixels of
 its first frame); ``MapFrame`` says where that lies. Pixels of rasters are those of their lattice.
@@ -143,7 +143,7 @@ class LiveSnapped:
 
 @dataclass(frozen=True, slots=True)
 class LiveEnd:
-    """The flight is over: ``FINALISING`` with ``progress`` (0 to 1), at last ``ENDED``; then the folder is a mission."""
+    """The flight is over: ``FINALISING`` with ``progress`` (0 to 1), then ``ENDED``: the folder is a mission."""
 
     phase: LivePhase
     progress: float = 0.0
@@ -157,9 +157,9 @@ LiveEvent = LivePose | LiveTiles | LiveSolution | LiveHealth | LiveSegment | Liv
 class LiveState:
     """A session at this moment.
 
-    ``epoch`` is a short text that changes with every ``LiveSnapped`` and with every session. ``area_lon_lat`` ``(N, 2)``
-    degrees is the polygon that is to be covered, where one was given. ``elapsed_s`` is the stream's time now,
-    ``started_utc_s`` the time of day at which that was zero.
+    ``epoch`` is a short text that changes with every ``LiveSnapped`` and with every session. ``area_lon_lat``,
+    ``(N, 2)`` degrees, is the polygon that is to be covered, where one was given. ``elapsed_s`` is the stream's time
+    now, ``started_utc_s`` the time of day at which that was zero.
     """
 
     name: str
@@ -205,8 +205,8 @@ class RasterKind(StrEnum):
 class LiveRaster(Protocol):
     """A picture that grows on a lattice which stays for one epoch.
 
-    ``lattice`` tells corner, pixel size, CRS and tile size; its width and height say nothing: pixels on all sides of it,
-    also at negative columns and rows, may be read. All rasters of a session share one lattice.
+    ``lattice`` tells corner, pixel size, CRS and tile size; its width and height say nothing: pixels on all sides, also
+    at negative columns and rows, may be read. All rasters of a session share one lattice.
     """
 
     @property
@@ -273,7 +273,7 @@ class LiveSession(Protocol):
         ...
 
     def covariance_at(self, xy_map_m: tuple[float, float]) -> FloatArray | None:
-        """``(2, 2)`` predicted covariance (x east, y south), square metres, of the map at a place; ``None`` if unseen."""
+        """``(2, 2)`` predicted covariance (x east, y south), square map units, at a place; ``None`` if unseen."""
         ...
 
     def anchor_at(self, xy_map_m: tuple[float, float]) -> Anchor | None:
