@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -84,8 +84,13 @@ class Sheet(NamedTuple):
     gsd: float
 
 
-def sheet_of(placement: FramePlacement, image: ImageArray, lattice: LiveLattice, time_s: float) -> Sheet | None:
-    """Return a frame drawn on the lattice; ``None`` where its placement makes no sense."""
+def sheet_of(
+    placement: FramePlacement, image: ImageArray, lattice: LiveLattice, time_s: float, clip: Window | None = None
+) -> Sheet | None:
+    """Return a frame drawn on the lattice, within ``clip``; ``None`` where there is nothing or it makes no sense.
+
+    The nodes of the lattice are those of whole tiles, so that a part of a frame has the pixels of the whole.
+    """
     grid = lattice.grid
     outline = placement.outline_xy_map_m()
     if len(outline) < 3:
@@ -97,7 +102,14 @@ def sheet_of(placement: FramePlacement, image: ImageArray, lattice: LiveLattice,
     gsd = placement.gsd_m_per_px
     if (x1 - x0) * (y1 - y0) > MOST_PIXELS or not np.isfinite(gsd):
         return None
-    window = Window(int(x0), int(y0), int(x1 - x0), int(y1 - y0))
+    if clip is not None:
+        x0, y0 = max(int(x0), clip.col_off), max(int(y0), clip.row_off)
+        x1, y1 = min(int(x1), clip.col_off + clip.width), min(int(y1), clip.row_off + clip.height)
+        if x1 <= x0 or y1 <= y0:
+            return None
+    x0, y0 = (int(v) // STEP_PX * STEP_PX for v in (x0, y0))
+    x1, y1 = (-(-int(v) // STEP_PX) * STEP_PX for v in (x1, y1))
+    window = Window(x0, y0, x1 - x0, y1 - y0)
     nodes = Lattice.over(window, grid, lattice.frame, step_px=STEP_PX)
     xy = placement.camera_to_map.unproject(nodes.nodes_xy_map_m).reshape(*nodes.shape, 2)
     xy = np.where(np.isfinite(xy), xy, -1e5)
@@ -128,6 +140,7 @@ class LiveCanvas:
         self._tiles: OrderedDict[TileIndex, TilePlanes] = OrderedDict()
         self._stored: set[TileIndex] = set()
         self._dirty: set[TileIndex] = set()
+        self._changed: set[TileIndex] = set()
         self._versions: dict[TileIndex, int] = {}
         self._keys_of: dict[TileIndex, list[int]] = {}
         self._version = 0
@@ -152,56 +165,45 @@ class LiveCanvas:
         """Return the version at which a tile changed last, 0 where it shows nothing."""
         return self._versions.get(tile, 0)
 
-    def paste(self, key: int, sheet: Sheet, only: frozenset[TileIndex] | None = None) -> tuple[TileIndex, ...]:
-        """Paste a frame, on some tiles ``only`` or all; return the tiles that it lies on."""
-        touched = []
+    def paste(self, key: int, sheet: Sheet) -> tuple[TileIndex, ...]:
+        """Paste a frame; return the tiles that it lies on."""
+        touched: list[TileIndex] = []
         w = sheet.window
         with self._lock:
             self._version += 1
             for tile in tiles_under(w):
-                if only is not None and tile not in only:
-                    continue
-                here, there = _shared(w, tile)
+                here, there = shared(w, tile)
                 if not sheet.inside[here].any():
                     continue
                 planes = self._planes(tile)
-                _blend(planes, there, sheet, here, key)
+                blend(planes, there, sheet, here, key)
                 self._versions[tile] = self._version
                 self._dirty.add(tile)
+                self._changed.add(tile)
                 keys = self._keys_of.setdefault(tile, [])
                 if key not in keys:
                     keys.append(key)
                 touched.append(tile)
         return tuple(touched)
 
-    def redraw(
-        self, tiles: Iterable[TileIndex], keys: Sequence[int], draw: Callable[[int], Sheet | None]
-    ) -> tuple[TileIndex, ...]:
-        """Draw tiles anew from key frames, in the order given; readers see the old pixels until it is done."""
-        wanted = frozenset(tiles)
-        fresh = {t: TilePlanes.blank() for t in wanted}
-        pasted: dict[TileIndex, list[int]] = {t: [] for t in wanted}
-        for key in keys:
-            sheet = draw(key)
-            if sheet is None:
-                continue
-            for tile in tiles_under(sheet.window):
-                if tile not in wanted:
-                    continue
-                here, there = _shared(sheet.window, tile)
-                if sheet.inside[here].any():
-                    _blend(fresh[tile], there, sheet, here, key)
-                    pasted[tile].append(key)
+    def replace(self, fresh: Mapping[TileIndex, TilePlanes], pasted: Mapping[TileIndex, list[int]]) -> None:
+        """Put tiles that were drawn anew in the place of the old ones, all at once."""
         with self._lock:
             self._version += 1
             for tile, planes in fresh.items():
+                if not pasted[tile] and tile not in self._versions:
+                    continue
                 self._tiles[tile] = planes
                 self._tiles.move_to_end(tile)
                 self._dirty.add(tile)
+                self._changed.add(tile)
                 self._versions[tile] = self._version
                 self._keys_of[tile] = pasted[tile]
             self._shed()
-        return tuple(sorted(wanted))
+
+    def window_of(self, tile: TileIndex) -> Window:
+        """Return the pixels of a tile."""
+        return Window(tile.col * TILE_PX, tile.row * TILE_PX, TILE_PX, TILE_PX)
 
     def extent(self) -> Window | None:
         """Return the window of whole tiles that may show something."""
@@ -232,19 +234,26 @@ class LiveCanvas:
                 values = what(self._planes(tile))
             if out is None:
                 out = np.full((window.height, window.width, *values.shape[2:]), blank, values.dtype)
-            here, there = _shared(window, tile)
+            here, there = shared(window, tile)
             out[here] = values[there]
         if out is None:
             sample = what(TilePlanes.blank())
             out = np.full((window.height, window.width, *sample.shape[2:]), blank, sample.dtype)
         return out
 
-    def take_dirty(self) -> list[tuple[TileIndex, ImageArray]]:
-        """Return the tiles that changed since the last call, as pictures."""
+    def take_changed(self) -> list[TileIndex]:
+        """Return the tiles whose pixels changed since the last call, for those who watch."""
+        with self._lock:
+            changed = sorted(self._changed)
+            self._changed.clear()
+            return changed
+
+    def take_dirty(self) -> list[tuple[TileIndex, ImageArray, IntImage]]:
+        """Return the tiles that changed since the last call: pictures, and which key frame each pixel shows."""
         with self._lock:
             dirty = sorted(self._dirty)
             self._dirty.clear()
-            return [(t, self._planes(t).rgba()) for t in dirty]
+            return [(t, (p := self._planes(t)).rgba(), p.shown.copy()) for t in dirty]
 
     def _planes(self, tile: TileIndex) -> TilePlanes:
         planes = self._tiles.get(tile)
@@ -285,7 +294,7 @@ def tiles_under(window: Window) -> list[TileIndex]:
 Slices = tuple[slice, slice]
 
 
-def _shared(window: Window, tile: TileIndex) -> tuple[Slices, Slices]:
+def shared(window: Window, tile: TileIndex) -> tuple[Slices, Slices]:
     """Return which pixels of a window are which of a tile."""
     x, y = tile.col * TILE_PX, tile.row * TILE_PX
     x0, x1 = max(x, window.col_off), min(x + TILE_PX, window.col_off + window.width)
@@ -294,7 +303,7 @@ def _shared(window: Window, tile: TileIndex) -> tuple[Slices, Slices]:
     return here, np.s_[y0 - y : y1 - y, x0 - x : x1 - x]
 
 
-def _blend(planes: TilePlanes, there: Slices, sheet: Sheet, here: Slices, key: int) -> None:
+def blend(planes: TilePlanes, there: Slices, sheet: Sheet, here: Slices, key: int) -> None:
     """Paste a part of a frame on a part of a tile."""
     inside = sheet.inside[here] > 0
     worth, old = sheet.worth[here], planes.worth[there]

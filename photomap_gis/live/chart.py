@@ -35,7 +35,7 @@ class LiveSolution:
     ``motion`` ``(n, 4)``: ``T_map_plane`` (tx, ty, angle, log scale) of the registered plane, NaN where a frame is not
     placed; ``drawn`` ``(n, 4)``, ``level`` ``(n, 9)``, ``slope`` ``(n, 2)``: pose and view to draw by; ``covariance``
     ``(n, 4, 4)``; ``segment`` ``(n,)``, -1 where not placed. ``pairs`` are what the graph worker has registered since
-    the solution before.
+    the solution before, ``ties`` how many recognised segments it had been told of.
     """
 
     revision: int
@@ -49,7 +49,7 @@ class LiveSolution:
     pairs: tuple[tuple[int, int], ...] = ()
     fit_to_gps_rms_m: float | None = None
     predicted_ce90_m: float | None = None
-    seconds: float = 0.0
+    ties: int = 0
 
     def __len__(self) -> int:
         return len(self.motion)
@@ -133,6 +133,10 @@ class Chart:
             for k in held[solution.segment[held] == solution.segment[first]].tolist():
                 self.segments[k] = 0
 
+    def snapshot(self) -> Chart:
+        """Return the chart as it is now, for readers in other threads; key frames that come later are not in it."""
+        return Chart(self.map_frame, self.solution, self.refs[:], self.segments[:], dict(self._chained))
+
     def placement(self, key: int) -> FramePlacement:
         """Return how a key frame is drawn by the newest pose."""
         ref, sol = self.refs[key], self.solution
@@ -165,6 +169,7 @@ def solution_of(
     pairs: Sequence[tuple[int, int]],
     fit_to_gps_rms_m: float | None,
     predicted_ce90_m: float | None,
+    ties: int,
 ) -> LiveSolution:
     """Return placements on the plane, and the poses of the registered planes, as arrays over ``count`` key frames."""
     motion, drawn = np.full((count, 4), np.nan), np.full((count, 4), np.nan)
@@ -178,7 +183,7 @@ def solution_of(
         covariance[p.frame], segment[p.frame] = p.pose_covariance, p.segment
     return LiveSolution(
         revision, map_frame, motion, drawn, level, slope, covariance, segment, tuple(pairs), fit_to_gps_rms_m,
-        predicted_ce90_m,
+        predicted_ce90_m, ties,
     )  # fmt: skip
 
 

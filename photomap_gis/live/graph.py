@@ -78,6 +78,7 @@ class GraphWork:
         self._map_frame = mission.header.map_frame
         self._revision = 0
         self._unsaid: list[tuple[int, int]] = []
+        self._ties = 0
         self._solved: Solved | None = None
 
     @property
@@ -89,6 +90,10 @@ class GraphWork:
     def map_frame(self) -> MapFrame:
         """Where the map lies, by the newest solution."""
         return self._map_frame
+
+    def place_of(self, key: int) -> Similarity2D:
+        """Return where a key frame lies by what is known; the map's origin where there is none."""
+        return self._pose.get(key, Similarity2D())
 
     def add(self, news: KeyNews) -> None:
         """Take the next key frame in: keep its working image, and measure what it was reached from."""
@@ -115,6 +120,7 @@ class GraphWork:
 
     def tie(self, tie: Tie) -> bool:
         """Measure a motion that the loop has seen, between levelled pictures; return whether it was accepted."""
+        self._ties += tie.kind is EdgeKind.LOOP
         work_a, work_b = (self._prepared[k].T_plane_work for k in (tie.a, tie.b))
         prior = Prior(work_a.inverse() @ tie.T_a_b @ work_b, TIE_SIGMA_PX, TIE_SIGMA, TIE_SIGMA)
         try:
@@ -214,7 +220,7 @@ class GraphWork:
         pairs, self._unsaid = self._unsaid, []
         return solution_of(
             placements, registered, len(self._refs), solved.map_frame, revision=self._revision, pairs=pairs,
-            fit_to_gps_rms_m=solved.fit_to_gps_rms_m, predicted_ce90_m=solved.predicted_ce90_m,
+            fit_to_gps_rms_m=solved.fit_to_gps_rms_m, predicted_ce90_m=solved.predicted_ce90_m, ties=self._ties,
         )  # fmt: skip
 
     def _gauged(self, solved: Solved) -> tuple[list, dict[int, Similarity2D]]:  # type: ignore[type-arg]

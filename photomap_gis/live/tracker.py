@@ -20,7 +20,7 @@ from photomap_gis.core.frame import FrameRef, ImageArray
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.posegraph import EdgeKind
-from photomap_gis.core.similarity import Similarity2D, fit_similarity
+from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
 from photomap_gis.georef import fix_to_map, plane_view
 from photomap_gis.ifmi import (
     Fault,
@@ -351,8 +351,7 @@ class Tracker:
 
     def _guess(self, seen: _Seen) -> Belief:
         """Return where a frame that nothing ties lies: by its fix where the map has a place, else by the last pose."""
-        side = float(max(seen.ref.width_px, seen.ref.height_px))
-        wide = np.diag([(FOREIGN_SIGMA * side) ** 2, (FOREIGN_SIGMA * side) ** 2, 0.25, 0.04])
+        wide = wide_covariance(seen.ref)
         if not len(self.chart):
             return Belief(Similarity2D(), np.diag([1e-6, 1e-6, 1e-12, 1e-12]))
         if self._last is not None and self._key is not None:
@@ -410,6 +409,12 @@ class Tracker:
             return make_spectrum(small, index=key), T_px_small
         _, T_px_small = shrink(np.zeros((ref.height_px, ref.width_px), np.uint8), self._size_px)
         return spectrum, T_px_small
+
+
+def wide_covariance(ref: FrameRef) -> FloatArray:
+    """``(4, 4)`` of a frame that nothing ties to the map yet."""
+    side = FOREIGN_SIGMA * float(max(ref.width_px, ref.height_px))
+    return np.diag([side**2, side**2, 0.25, 0.04])
 
 
 def between_planes(view_a: PlaneView, view_b: PlaneView, T_apx_bpx: Similarity2D, ref_b: FrameRef) -> Similarity2D:
