@@ -71,7 +71,7 @@ class GraphShift:
             self._gained += work.measure(work.joins())
         fresh = work.count - self._solved_at
         due = max(self._every, math.ceil(0.03 * self._solved_at))
-        if work.count < 2 or not (fresh >= due or (self._gained and fresh >= math.ceil(0.01 * self._solved_at))):
+        if work.count < 2 or not (fresh >= due or (self._gained and fresh >= max(self._every / 2, 0.02 * self._solved_at))):
             return None
         self._solved_at, self._gained = work.count, 0
         solution = work.solve()

@@ -28,8 +28,8 @@ MOVED_PX, FAR_MOVED_PX = 0.5, 2.0
 NEAR_TILES = 6
 BLOCK_TILES = 24
 """So many tiles at most are drawn anew at once."""
-CROWDED_SHARE = 0.22
-"""Drawn anew is, of key frames in a row, only one in each such share of a frame: the others show the same."""
+CROWDED_SHARE, CROWDED_TURN_RAD = 0.18, 0.03
+"""Drawn anew is, of key frames in a row that look the same way, only one in each such share of a frame."""
 
 Placer = Callable[[int], FramePlacement]
 
@@ -211,7 +211,9 @@ class Painter:
             if kept and key - 1 in keys[max(0, n - 1) : n] and n + 1 < len(keys) and keys[n + 1] == key + 1:
                 a, b = self._newest[kept[-1]], self._newest[key]
                 side = float(np.hypot(*(b[1] - b[0])))
-                if float(np.hypot(*(b.mean(axis=0) - a.mean(axis=0)))) < CROWDED_SHARE * side:
+                turn = abs(np.angle(complex(*(b[1] - b[0])) / complex(*(a[1] - a[0]))))
+                apart = float(np.hypot(*(b.mean(axis=0) - a.mean(axis=0))))
+                if apart < CROWDED_SHARE * side and turn < CROWDED_TURN_RAD:
                     continue
             kept.append(key)
         return kept
