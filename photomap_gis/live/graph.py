@@ -9,27 +9,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 
 from photomap_gis.core.camera import PlaneView
 from photomap_gis.core.errors import FrameReadError
-from photomap_gis.core.frame import FrameRef, ImageArray
+from photomap_gis.core.frame import FrameRef, FrameStatus, ImageArray
 from photomap_gis.core.grid import MapFrame
-from photomap_gis.core.posegraph import EdgeKind
+from photomap_gis.core.placement import FramePlacement, PlanePlacement
+from photomap_gis.core.posegraph import EdgeKind, Trajectory
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.georef import choose_map_frame, fix_to_map, plane_view
+from photomap_gis.georef import accuracy, choose_map_frame, fix_to_map, observe, plane_view
 from photomap_gis.ifmi import Prior, make_working, register
 from photomap_gis.live.chart import LiveSolution, solution_of
 from photomap_gis.live.tracker import Tie
-from photomap_gis.pipeline.measure import MIN_OVERLAP, Measurements
+from photomap_gis.pipeline.measure import MIN_OVERLAP
 from photomap_gis.pipeline.prepare import SpectrumShelf, keep_working
 from photomap_gis.pipeline.settings import MapSettings
-from photomap_gis.pipeline.solve import solve_mission
 from photomap_gis.pipeline.solved import Solved, plane_outline
-from photomap_gis.slam.candidates import candidates
+from photomap_gis.slam import GraphBuilder, Leaning, candidates, placements, slopes_of_frames, solve
 from photomap_gis.store import Mission, PreparedFrame, RegistrationRecord
 
 LOOPS_A_KEY = 2
@@ -79,6 +77,7 @@ class GraphWork:
         self._revision = 0
         self._unsaid: list[tuple[int, int]] = []
         self._ties = 0
+        self._builder = GraphBuilder()
         self._solved: Solved | None = None
 
     @property
@@ -108,15 +107,15 @@ class GraphWork:
         self._place(k)
 
     def recall(self, ref: FrameRef, prepared: PreparedFrame, T_map_plane: Similarity2D) -> None:
-        """Take a key frame in that a session which was cut off had; its registrations come by ``recall_pair``."""
+        """Take a key frame in that a session which was cut off had; then its registrations come by ``recall_pair``."""
         self._know(ref, prepared, T_map_plane)
         self._place(ref.index)
 
     def recall_pair(self, record: RegistrationRecord) -> None:
-        """Take a registration in that the journal holds."""
+        """Take a registration in that the journal holds, of key frames that were recalled."""
         self._tried.add(_key(record.a, record.b))
         if record.accepted:
-            self._accepted[_key(record.a, record.b)] = record
+            self._hold(record)
 
     def tie(self, tie: Tie) -> bool:
         """Measure a motion that the loop has seen, between levelled pictures; return whether it was accepted."""
@@ -136,6 +135,7 @@ class GraphWork:
         self._views[ref.index] = plane_view(ref)
         self._prepared[ref.index] = prepared
         self._start[ref.index] = T_map_plane
+        self._builder.add_frame(ref.index)
 
     def _place(self, k: int) -> None:
         self._pose[k] = self._placed_by(k)
@@ -146,8 +146,23 @@ class GraphWork:
         self._tried.add(_key(record.a, record.b))
         self._mission.registrations.append(record)
         if record.accepted:
-            self._accepted[_key(record.a, record.b)] = record
+            self._hold(record)
         return record.accepted
+
+    def _hold(self, record: RegistrationRecord) -> None:
+        self._accepted[_key(record.a, record.b)] = record
+        known = self._prepared.keys() >= {record.a, record.b}
+        if known:
+            leaning = [self._leaning(k) for k in (record.a, record.b)]
+            both = (leaning[0], leaning[1]) if leaning[0] is not None and leaning[1] is not None else None
+            self._builder.add_registration(
+                record.registration, self._prepared[record.a].T_plane_work, self._prepared[record.b].T_plane_work,
+                kind=record.kind, leaning=both,
+            )  # fmt: skip
+
+    def _leaning(self, key: int) -> Leaning | None:
+        focal = self._views[key].camera.focal_px
+        return None if focal is None else Leaning(focal, (0.0, 0.0))
 
     def loops_of(self, key: int) -> list[tuple[int, int]]:
         """Return the pairs that a new key frame should be registered in, the likeliest first."""
@@ -191,26 +206,33 @@ class GraphWork:
         return gained
 
     def solve(self) -> LiveSolution | None:
-        """Solve all that is known; ``None`` where nothing hangs together yet."""
+        """Solve all that is known on the plane; ``None`` where nothing hangs together yet."""
         if self._map_frame.crs_wkt is None and self._tells_place():
             fixes = [r.fix for r in self._refs if r.fix is not None]
             self._map_frame = choose_map_frame(fixes, self._settings.crs)
-        refs = tuple(self._refs)
-        if self._map_frame.crs_wkt is None:
-            refs = tuple(replace(r, fix=None) for r in refs)
-        mission = cast(Mission, SimpleNamespace(header=SimpleNamespace(map_frame=self._map_frame)))
-        known = cast(
-            Measurements,
-            SimpleNamespace(prepared=self._prepared, accepted=[self._accepted[p] for p in sorted(self._accepted)]),
-        )
-        solved = solve_mission(mission, refs, self._views, known, self._settings, with_control=False)
-        if not solved.trajectory.placements:
+        if self._map_frame.crs_wkt is not None:
+            seen = observe(self._refs, self._map_frame, antenna_offset_m=self._settings.antenna_offset_m)
+            self._builder.observe(seen.positions, seen.scales, seen.headings)
+        graph = self._builder.snapshot()
+        found = solve(graph)
+        slopes = slopes_of_frames(graph.edges)
+        views = {
+            k: view if k not in slopes else replace(view, ground_slope=slopes[k]) for k, view in self._views.items()
+        }
+        trajectory = placements(found, graph, self._refs, views, max_off_nadir_rad=self._settings.max_off_nadir_rad)
+        if not trajectory.placements:
             return None
-        self._solved = replace(solved, frames=tuple(self._refs))
         self._revision += 1
-        if solved.georeferenced:
-            self._map_frame = solved.map_frame
-        placements, registered = self._gauged(solved)
+        predicted = accuracy(found, graph)
+        placed = {p.frame: p.status for p in trajectory.placements}
+        statuses = {r.index: placed.get(r.index, FrameStatus.UNPLACED) for r in self._refs}
+        solved = Solved(
+            tuple(self._refs), self._map_frame, Trajectory(trajectory.placements, self._revision), statuses,
+            {k: "not tied to the map yet" for k, s in statuses.items() if s is FrameStatus.UNPLACED},
+            found.fit_to_gps_rms_m, None if predicted is None else predicted.predicted_ce90_m,
+        )  # fmt: skip
+        laid, registered = self._gauged(solved)
+        self._solved = replace(solved, trajectory=Trajectory(tuple(laid), self._revision))
         for k, T in registered.items():
             self._pose[k] = T
             self._centre[k] = T.apply(plane_outline(self._views[k]).mean(axis=0))
@@ -219,11 +241,11 @@ class GraphWork:
                 self._pose[k] = self._placed_by(k)
         pairs, self._unsaid = self._unsaid, []
         return solution_of(
-            placements, registered, len(self._refs), solved.map_frame, revision=self._revision, pairs=pairs,
+            laid, registered, len(self._refs), self._map_frame, revision=self._revision, pairs=pairs,
             fit_to_gps_rms_m=solved.fit_to_gps_rms_m, predicted_ce90_m=solved.predicted_ce90_m, ties=self._ties,
         )  # fmt: skip
 
-    def _gauged(self, solved: Solved) -> tuple[list, dict[int, Similarity2D]]:  # type: ignore[type-arg]
+    def _gauged(self, solved: Solved) -> tuple[list[FramePlacement], dict[int, Similarity2D]]:
         """Return placements and registered poses; pieces without a place are laid where the loop believed them."""
         registered: dict[int, Similarity2D] = {}
         segment_of: dict[int, int] = {}
@@ -236,14 +258,13 @@ class GraphWork:
         for f in sorted(registered):
             if segment_of[f] not in gauge:
                 gauge[segment_of[f]] = self._start[f] @ registered[f].inverse()
-        placements = [
-            replace(
-                p,
-                camera_to_map=replace(p.camera_to_map, T_map_plane=gauge[p.segment] @ p.camera_to_map.T_map_plane),  # type: ignore[type-var,attr-defined]
-            )
-            for p in solved.trajectory.placements
-        ]
-        return placements, {f: gauge[segment_of[f]] @ T for f, T in registered.items()}
+        laid = []
+        for p in solved.trajectory.placements:
+            where = p.camera_to_map
+            assert isinstance(where, PlanePlacement)
+            moved = replace(where, T_map_plane=gauge[p.segment] @ where.T_map_plane)
+            laid.append(replace(p, camera_to_map=moved))
+        return laid, {f: gauge[segment_of[f]] @ T for f, T in registered.items()}
 
     def save(self) -> None:
         """Keep the newest solution in the mission folder, as every reader of missions takes it."""

@@ -71,7 +71,8 @@ class GraphShift:
             self._gained += work.measure(work.joins())
         fresh = work.count - self._solved_at
         due = max(self._every, math.ceil(0.03 * self._solved_at))
-        if work.count < 2 or not (fresh >= due or (self._gained and fresh >= max(self._every / 2, 0.02 * self._solved_at))):
+        closes = self._gained > 0 and fresh >= max(self._every / 2, 0.02 * self._solved_at)
+        if work.count < 2 or not (fresh >= due or closes):
             return None
         self._solved_at, self._gained = work.count, 0
         solution = work.solve()
@@ -221,8 +222,8 @@ def recalled(mission: Mission, settings: MapSettings, refs: Sequence[FrameRef]) 
     """Return the graph of a session that was cut off, from the mission's journals."""
     work = GraphWork(mission, settings)
     prepared = {p.frame: p for p in mission.prepared}
-    for record in mission.registrations:
-        work.recall_pair(record)
     for ref in refs:
         work.recall(ref, prepared[ref.index], Similarity2D())
+    for record in mission.registrations:
+        work.recall_pair(record)
     return work
