@@ -108,7 +108,7 @@ class Chart:
     def adopt(self, solution: LiveSolution) -> None:
         """Take a solution over whole; key frames that came since hang on the last one before them that it holds."""
         before = {k: self.belief(k) for k in range(len(self.refs)) if not solution.holds(k)}
-        anchors: dict[int, tuple[Similarity2D, Similarity2D]] = {}
+        anchors: dict[int, tuple[Belief, Belief]] = {}
         last: int | None = None
         moved: dict[int, Belief] = {}
         for k in range(len(self.refs)):
@@ -121,10 +121,8 @@ class Chart:
                 moved[k] = before[k]
                 continue
             if last not in anchors:
-                anchors[last] = (solution.belief(last).T_map_plane, self.belief(last).T_map_plane.inverse())
-            new, old_inverse = anchors[last]
-            T, covariance = before[k]
-            moved[k] = Belief(new @ (old_inverse @ T), covariance)
+                anchors[last] = (solution.belief(last), self.belief(last))
+            moved[k] = _hung_on(*anchors[last], before[k])
         self._chained = moved
         self.solution, self.map_frame = solution, solution.map_frame
         held = np.flatnonzero(np.isfinite(solution.motion[: len(self.refs), 0]))
@@ -149,6 +147,16 @@ class Chart:
             view.camera, sol.level[key].reshape(3, 3), (float(sol.slope[key, 0]), float(sol.slope[key, 1]))
         )
         return placed(ref, level, _similarity(sol.drawn[key]), sol.covariance[key], segment)
+
+
+def _hung_on(new: Belief, old: Belief, belief: Belief) -> Belief:
+    """Return what becomes of a pose when the key frame that it hangs on moves, and is known otherwise than before."""
+    T = old.T_map_plane.inverse() @ belief.T_map_plane
+    ad = T.inverse().adjoint()
+    own = belief.covariance - ad @ old.covariance @ ad.T
+    values, vectors = np.linalg.eigh((own + own.T) / 2.0)
+    grown = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return Belief(new.T_map_plane @ T, ad @ new.covariance @ ad.T + grown)
 
 
 def placed(
