@@ -28,9 +28,9 @@ class LineLog:
         self._path = path
         self._file: IO[bytes] | None = None
 
-    def write(self, kind: str, **values: Any) -> None:
+    def write(self, what: str, **values: Any) -> None:
         """Append a line; ``OutputError`` where the disk does not take it."""
-        line = json.dumps({"t": kind, **values}, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+        line = json.dumps({"t": what, **values}, separators=(",", ":"), allow_nan=False).encode() + b"\n"
         try:
             if self._file is None:
                 cut_to_whole_lines(self._path)
