@@ -111,6 +111,11 @@ class _Boxed:
         """Unix seconds of stream time 0."""
         return self._source.started_utc_s
 
+    @property
+    def span_s(self) -> float | None:
+        """How long a played file lasts, ``None`` for what has no known end."""
+        return getattr(self._source, "span_s", None)
+
     def close(self) -> None:
         """End the source."""
         self._source.close()
