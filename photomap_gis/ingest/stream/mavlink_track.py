@@ -7,6 +7,7 @@ only the last seconds are kept as they came.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -31,9 +32,18 @@ _MAX_OPEN = 20_000
 _FIX_WORDS = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed", 7: "static", 8: "PPP"}
 _STATE_KINDS = frozenset({"HEARTBEAT", "EXTENDED_SYS_STATE", "GPS_RAW_INT", "GLOBAL_POSITION_INT", "ATTITUDE"})
 KINDS = frozenset(WANTED) | _STATE_KINDS
+_FINITE = {
+    "ATTITUDE": ("roll", "pitch", "yaw"),
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": ("q",),
+    "MOUNT_ORIENTATION": ("roll", "pitch", "yaw"),
+}
 _FIRST_UNIX_US = 946_684_800_000_000
 _MAX_SIGMA_M = 1000.0
 _UNKNOWN_HEADING = 65_535
+
+
+def _numbers(value: Any) -> Sequence[float]:
+    return value if isinstance(value, list | tuple) else (math.nan,) if value is None else (float(value),)
 
 
 class MavlinkTrack:
@@ -66,6 +76,8 @@ class MavlinkTrack:
             return
         if kind == "HEARTBEAT" and fields.get("autopilot") == mavlink.MAV_AUTOPILOT_INVALID:
             return  # a gimbal or camera of the same vehicle
+        if not all(math.isfinite(v) for name in _FINITE.get(kind, ()) for v in _numbers(fields.get(name))):
+            return
         self.messages += 1
         boot_ms = fields.get("time_boot_ms")
         if boot_ms is not None and kind != "SYSTEM_TIME":
