@@ -15,7 +15,7 @@ from photomap_gis.simulate.geodesy import GeoFrame
 from photomap_gis.simulate.truth import read_truth
 from photomap_gis.simulate.vehicle.airframe import Airframe
 
-_YAW_IN_EARTH_FRAME = 32
+_YAW_IN_EARTH_FRAME = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
