@@ -246,6 +246,11 @@ class Journal(Generic[T]):
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
 
+    def replace(self, records: Iterable[T]) -> None:
+        """Put other records in the place of all; whole or not at all."""
+        self.close()
+        write_file(self._path, b"".join(self._adapter.dump_json(r) + b"\n" for r in records))
+
     def append(self, record: T) -> None:
         """Append one record."""
         self.extend((record,))

@@ -31,6 +31,7 @@ COMMANDS = {
     "download": "Download an autopilot's mission, fence and rally points.",
     "clear": "Clear an autopilot's mission, fence and rally points.",
     "vehicle": "Say who is on a link: mode, position, battery, mission progress.",
+    "cot": "Push finds (or a try) to ATAK devices as Cursor on Target.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",
     "demo": "Simulate a flight, map it and compare with the truth.",

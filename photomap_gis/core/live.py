@@ -251,6 +251,10 @@ class LiveTelemetry(Protocol):
         """Tell by how much pictures come later than positions (added to what was told before)."""
         ...
 
+    def hear(self, event: StreamEvent) -> None:
+        """Take note of what the source yields: streams and photos may tell their places themselves."""
+        ...
+
     def warnings(self) -> tuple[str, ...]:
         """Return what the user should know, each once."""
         ...

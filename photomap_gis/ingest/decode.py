@@ -29,7 +29,7 @@ from photomap_gis.ingest.video_tags import make_and_model, rotation_deg, start_u
 logger = logging.getLogger(__name__)
 
 _MAX_PACKETS = 5_000_000
-_MAX_PIXELS = 200_000_000
+MAX_PIXELS = 200_000_000
 _MIN_SEEK_FRAMES = 24
 """Fewer frames than this to the key frame before the wanted one are decoded rather than leapt over."""
 
@@ -340,7 +340,7 @@ def video_stream(container: Any, path: Path) -> Any:
     if not moving:
         raise DataError(f"{path}: holds no video that can be decoded; give the drone's original file")
     stream = max(moving, key=lambda s: (s.frames > 1 or s.frames == 0, s.codec_context.width * s.codec_context.height))
-    if stream.codec_context.width * stream.codec_context.height > _MAX_PIXELS:
+    if stream.codec_context.width * stream.codec_context.height > MAX_PIXELS:
         raise DataError(f"{path}: claims frames of {stream.width} x {stream.height} pixels; the file is damaged")
     return stream
 

@@ -43,6 +43,11 @@ class FileSource:
         """Unix seconds of the first frame by the camera's clock."""
         return self._info.start_utc_s
 
+    @property
+    def span_s(self) -> float:
+        """From the first frame to the last, in seconds."""
+        return float(self._index.times_s[-1])
+
     def close(self) -> None:
         """End the source before the next frame."""
         self._closed.set()
