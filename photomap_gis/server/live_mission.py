@@ -13,6 +13,7 @@ import numpy as np
 from photomap_gis.core.accuracy import CE90_PER_RMSE_R
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.export.warp import ground_pixel_m
 from photomap_gis.server.live_documents import (
     EllipseDocument,
     EndDocument,
@@ -231,9 +232,13 @@ class LiveMission:
         if isinstance(event, LiveTiles):
             return TilesDocument(version=event.version, areas=self.layers[0].window_bounds(event.windows))
         if isinstance(event, LiveSolution):
+            moved_m = None
+            if event.shift_px is not None and (lattice := self.layers[0].raster.lattice).crs_wkt is not None:
+                moved_m = round(event.shift_px * ground_pixel_m(lattice), 3)
             return SolutionDocument(
-                revision=event.revision, frame=event.frame, shift_px=event.shift_px, georeferenced=georeferenced
-            )
+                revision=event.revision, frame=event.frame, shift_px=event.shift_px, shift_m=moved_m,
+                georeferenced=georeferenced,
+            )  # fmt: skip
         if isinstance(event, LiveHealth):
             return _health_document(event)
         if isinstance(event, LiveSegment):

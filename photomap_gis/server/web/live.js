@@ -67,7 +67,7 @@ export class Live {
     on("pose", d => this.pose(d));
     on("health", d => { this.state.health = d; this.tell(); });
     on("tiles", d => { this.state.version = d.version; this.changed(d.all ? null : d.areas); });
-    on("solution", d => { this.say(solutionWords(d, this.page.georeferenced)); this.loadTrack(); });
+    on("solution", d => { this.say(solutionWords(d)); this.loadTrack(); });
     on("segment", d => { this.say(d.words); this.loadTrack(); });
     on("snapped", d => { sessionStorage.setItem("photomap-words", d.words); location.reload(); });
     on("find", () => this.page.marks.load());
@@ -273,7 +273,7 @@ function clock(seconds) {
   return `${s >= 3600 ? `${Math.floor(s / 3600)}:` : ""}${two(Math.floor(s / 60) % 60)}:${two(s % 60)}`;
 }
 
-function solutionWords(d, georeferenced) {
-  const moved = d.shift_px === null || d.shift_px < 1 ? "" : `, moved by up to ${d.shift_px.toFixed(0)} ${georeferenced ? "map pixels" : "pixels"}`;
-  return moved ? `Map corrected${moved}` : "";
+function solutionWords(d) {
+  if (d.shift_px === null || d.shift_px < 1) return "";
+  return `Map corrected: it moved by up to ${d.shift_m === null ? `${d.shift_px.toFixed(0)} pixels` : `${d.shift_m.toFixed(1)} m`}`;
 }
