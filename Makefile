@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?= -n auto
 
-.PHONY: setup demo test check bench clean
+.PHONY: setup demo test check bench plugin clean
 
 setup: $(VENV)/.done
 
@@ -27,6 +27,10 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The QGIS plugin's zip; needs nothing but Python (and Qt's lrelease, where its translations shall be in it).
+plugin:
+	$(PYTHON) scripts/build_plugin.py
 
 bench: setup
 	$(BIN)/python -m benchmarks.flights

@@ -41,9 +41,10 @@ class CompareDialog(QDialog):
         self.jobs.done.connect(self._done)
         self.jobs.failed.connect(self._failed)
         self.jobs.cancelled.connect(lambda: self._judge())
-        buttons = QDialogButtonBox.StandardButton
-        self.buttons = QDialogButtonBox(buttons.Ok | buttons.Close, self)
-        self.buttons.button(buttons.Ok).setText(tr("&Compare"))
+        self.buttons = QDialogButtonBox(
+            QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Close, self
+        )
+        self.buttons.button(QDialogButtonBox.StandardButton.Ok).setText(tr("&Compare"))
         self.buttons.accepted.connect(self.start)
         self.buttons.rejected.connect(self.close)
         form = QFormLayout()

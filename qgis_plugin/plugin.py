@@ -8,17 +8,15 @@ from importlib import import_module
 from pathlib import Path
 
 from qgis.core import QgsApplication, QgsMapLayerType
-from qgis.gui import QgsMapCanvas
-from qgis.PyQt.QtCore import QCoreApplication, QObject, Qt, QUrl
-from qgis.PyQt.QtGui import QDesktopServices, QIcon
-from qgis.PyQt.QtWidgets import QAction, QDockWidget
+from qgis.PyQt.QtCore import QCoreApplication, Qt
+from qgis.PyQt.QtGui import QIcon
+from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget
 
 from .messages import Messages
 from .translation import install_translator, tr
 
 HERE = Path(__file__).parent
 ICON = HERE / "icon.svg"
-HELP = HERE / "help" / "index.html"
 MENU = "photomap"
 
 
@@ -30,6 +28,7 @@ class Context:
     engine: object
     messages: Messages
     open_dock: Callable[[str], QDockWidget]
+    show_help: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,7 @@ class DockEntry:
 
 DOCKS: tuple[DockEntry, ...] = (
     DockEntry("map", "Photo map", ".main_dock.dock", "MainDock"),
+    DockEntry("planner", "Flight planner", ".planner.dock", "PlannerDock", "icons/planner.svg"),
     DockEntry("georeference", "Georeference", ".georeference.dock", "GeoreferenceDock", "icons/georeference.svg"),
 )
 """The registration table: one line a dock, in the order of the menu."""
@@ -63,6 +63,7 @@ class PhotomapPlugin:
         self._undo: list[Callable[[], None]] = []
         self._docks: dict[str, QDockWidget] = {}
         self._actions: dict[str, QAction] = {}
+        self._help: QDialog | None = None
         self.context: Context | None = None
 
     def initGui(self) -> None:
@@ -74,8 +75,10 @@ class PhotomapPlugin:
             self._undo.append(lambda: QCoreApplication.removeTranslator(translator))
         messages = Messages(self._iface)
         engine = Engine()
+        engine.said.connect(messages.log)
+        engine.ended.connect(messages.log)  # whoever waited for it says so in the message bar
         self._undo.append(engine.shutdown)
-        self.context = Context(self._iface, engine, messages, self.open_dock)
+        self.context = Context(self._iface, engine, messages, self.open_dock, self.show_help)
         self._add_options()
         self.initProcessing()
         self._add_actions()
@@ -94,13 +97,17 @@ class PhotomapPlugin:
             self._close_dock(key)
         while self._undo:
             self._undo.pop()()
+        if self._help is not None:
+            self._help.close()
+            self._help.deleteLater()
+            self._help = None
         self._actions.clear()
         self.context = None
 
     def open_dock(self, key: str) -> QDockWidget:
         """Show a dock of the table, made now if it was not there yet, and return it."""
         dock = self.dock(key)
-        dock.setUserVisible(True) if hasattr(dock, "setUserVisible") else dock.show()
+        dock.show()
         dock.raise_()
         return dock
 
@@ -117,6 +124,15 @@ class PhotomapPlugin:
             dock.visibilityChanged.connect(self._actions[key].setChecked)
             self._docks[key] = dock
         return self._docks[key]
+
+    def show_help(self) -> None:
+        """Show the help page."""
+        from .help_window import HelpWindow
+
+        if self._help is None:
+            self._help = HelpWindow(self._iface.mainWindow())
+        self._help.show()
+        self._help.raise_()
 
     def _close_dock(self, key: str) -> None:
         dock = self._docks.pop(key)
@@ -158,7 +174,7 @@ class PhotomapPlugin:
         action = self._add_action("options", tr("Settings…"))
         action.triggered.connect(lambda: self._iface.showOptionsDialog(window, currentPage="photomapOptions"))
         action = self._add_action("help", tr("Help"))
-        action.triggered.connect(lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(HELP))))
+        action.triggered.connect(lambda: self.show_help())
 
     def _add_imagery_actions(self, bar) -> None:
         from .imagery import ImageryTools
@@ -197,19 +213,3 @@ class PhotomapPlugin:
         self._undo.append(take)
         self._actions[key] = action
         return action
-
-
-def release_tool(canvas: QgsMapCanvas, tool) -> None:
-    """Take a map tool off the canvas, where it is the active one."""
-    if canvas.mapTool() is tool:
-        canvas.unsetMapTool(tool)
-
-
-def disconnect_all(connections: list[tuple[QObject, str, Callable]]) -> None:
-    """Undo connections noted as (sender, name of the signal, slot); a sender that is gone took its own along."""
-    while connections:
-        sender, signal, slot = connections.pop()
-        try:
-            getattr(sender, signal).disconnect(slot)
-        except (RuntimeError, TypeError):
-            continue

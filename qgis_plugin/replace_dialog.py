@@ -33,8 +33,9 @@ class ReplaceDialog(QDialog):
         self.above = QRadioButton(tr("&Above it: the new map is a layer of its own, the old one stays, unticked"), self)
         self.above.setChecked(True)
         self.swap = QRadioButton(tr("&In it: the layer itself shows the new map, in layouts and themes too"), self)
-        buttons = QDialogButtonBox.StandardButton
-        self.buttons = QDialogButtonBox(buttons.Ok | buttons.Cancel, self)
+        self.buttons = QDialogButtonBox(
+            QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel, self
+        )
         self.buttons.accepted.connect(self.accept)
         self.buttons.rejected.connect(self.reject)
         form = QFormLayout()

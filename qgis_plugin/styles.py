@@ -161,13 +161,12 @@ def style_change(layer: QgsRasterLayer, threshold: float) -> None:
     function = QgsColorRampShader(0.0, 1.0)
     function.setColorRampType(QgsColorRampShader.Type.Interpolated)
     edge, clear = max(1e-3, threshold), QColor(255, 235, 59, 0)
-    item = QgsColorRampShader.ColorRampItem
     function.setColorRampItemList(
         [
-            item(0.0, clear, tr("no change")),
-            item(edge - 1e-3, clear, ""),
-            item(edge, QColor("#ffeb3b"), f"{edge:.2f}"),
-            item(1.0, QColor("#d50000"), tr("changed")),
+            QgsColorRampShader.ColorRampItem(0.0, clear, tr("no change")),
+            QgsColorRampShader.ColorRampItem(edge - 1e-3, clear, ""),
+            QgsColorRampShader.ColorRampItem(edge, QColor("#ffeb3b"), f"{edge:.2f}"),
+            QgsColorRampShader.ColorRampItem(1.0, QColor("#d50000"), tr("changed")),
         ]
     )
     shader = QgsRasterShader()

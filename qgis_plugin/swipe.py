@@ -1,4 +1,4 @@
-"""Swipe: the map without its upper layer, drawn right of the cursor, so that old and new can be wiped over each other."""
+"""Swipe: the map without its upper layer, drawn right of the cursor: old and new are wiped over each other."""
 
 from __future__ import annotations
 

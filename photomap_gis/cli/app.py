@@ -25,6 +25,7 @@ COMMANDS = {
     "compare": "Say what has changed between old imagery and a new map.",
     "package": "Pack a mission into one file for the incident commander.",
     "plan": "Plan a coverage flight over an area, with proof of what it sees.",
+    "cameras": "List the cameras that plans can name.",
     "convert": "Convert a mission: .plan to .waypoints and back.",
     "upload": "Upload a plan to an autopilot, verify it, restore on failure.",
     "download": "Download an autopilot's mission, fence and rally points.",

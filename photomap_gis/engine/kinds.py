@@ -29,6 +29,7 @@ KINDS: dict[str, Kind] = {
         Kind("export"),
         Kind("compare"),
         Kind("package"),
+        Kind("cameras"),
         Kind("plan"),
         Kind("convert"),
         Kind("upload", _LINK_GRACE_S),

@@ -16,6 +16,8 @@ from pathlib import Path
 import pytest
 from qgis.PyQt.QtCore import QCoreApplication, QEventLoop
 
+pytest_plugins = ["window"]
+
 
 @pytest.fixture(scope="session")
 def program() -> str:
