@@ -15,6 +15,8 @@ from photomap_gis.core.errors import PhotomapError
 
 COMMANDS = {
     "map": "Make a georeferenced photo map from photos or a video.",
+    "live": "Grow the map while the drone flies: on a page, in QGIS, exportable at any moment.",
+    "replay": "Fly a recorded live session again and compare: the same poses, the same pixels.",
     "solve": "Solve a mission again, with ground control or without.",
     "georeference": "Give a map its place by picked points, or nudge it.",
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, GeoPackage, ATAK, PDF ...",

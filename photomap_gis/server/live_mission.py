@@ -64,6 +64,7 @@ class LiveMission:
         self._layers: tuple[LiveLayer, ...] = ()
         self._placer: Placer | None = None
         self._version = 0
+        self._told_epoch = session.state.epoch
         self._unsubscribe = session.subscribe(self._happened)
 
     @property
@@ -222,6 +223,11 @@ class LiveMission:
             self._version = max(self._version, event.version)
         if isinstance(event, LiveSolution | LiveSnapped):
             threading.Thread(target=self._on_moved, args=(self,), daemon=True).start()
+        epoch = event.epoch if isinstance(event, LiveSnapped) else self.session.state.epoch
+        if epoch != self._told_epoch:
+            self._told_epoch = epoch
+            if not isinstance(event, LiveSnapped):  # as when the first picture gives the map its lattice
+                self.hub.post(lambda: self._document(LiveSnapped(epoch)))
         self.hub.post(lambda: self._document(event))
 
     def _document(self, event: LiveEvent) -> LiveEventDocument | None:

@@ -1,0 +1,217 @@
+"""A flight from the first frame to the landing, as a host (the command line, a test) drives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from photomap_gis.core.errors import DataError
+from photomap_gis.core.frame import FrameRef
+from photomap_gis.core.live import FrameSource, LiveClock, LiveTelemetry
+from photomap_gis.export.crs import WGS84, parse_crs
+from photomap_gis.export.cutline import read_cutline
+from photomap_gis.ingest.stream import open_stream
+from photomap_gis.live.graph import GraphWork, KeyNews
+from photomap_gis.live.graph_desk import GraphDesk, GraphHere, GraphProcess, recalled
+from photomap_gis.live.landing import LiveSummary, land
+from photomap_gis.live.opening import Ready, begin_session, resume_session, whole_keys
+from photomap_gis.live.options import LiveOptions
+from photomap_gis.live.session import Session
+from photomap_gis.live.tracker import Step
+from photomap_gis.live.view import LiveView, starting_state
+from photomap_gis.pipeline import MapSummary
+from photomap_gis.pipeline.settings import MapSettings, Progress
+from photomap_gis.server.live_view import LiveEnd, LivePhase
+from photomap_gis.store import Mission
+
+SAY_EVERY_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class FlightRequest:
+    """What is asked of a flight: a source and a folder, or a folder to resume."""
+
+    source: str | None
+    folder: Path | None
+    resume: Path | None = None
+    settings: MapSettings = MapSettings()  # noqa: RUF009  (frozen)
+    mavlink: str | None = None
+    realtime: bool = True
+    area: Path | None = None
+
+
+class Flight:
+    """A session that is ready to fly; use as a context manager."""
+
+    def __init__(
+        self,
+        ready: Ready,
+        stream: FrameSource,
+        *,
+        realtime: bool,
+        keys: list[FrameRef] | None = None,
+        skip_until: int = -1,
+        telemetry: LiveTelemetry | None = None,
+    ) -> None:
+        self._ready, self._stream, self._telemetry = ready, stream, telemetry
+        mission, options = ready.mission, ready.options
+        self.folder = mission.folder
+        area = np.array(options.area_lon_lat) if options.area_lon_lat else None
+        self.view = LiveView(
+            mission.folder,
+            starting_state(mission.folder.resolve().name, mission.folder, area_lon_lat=area, warnings=self.warnings),
+        )
+        self.on_second: Callable[[str], None] = lambda words: None
+        self._said_s = -1e9
+        graph: GraphDesk
+        work: GraphWork | None = None
+        if keys:
+            work = _recalled(mission, options, keys)
+        if realtime:
+            if work is not None:
+                work.save()
+                mission.prepared.close()
+                mission.registrations.close()
+            graph = GraphProcess(mission.folder, options.settings, options.solve_every, recall=bool(keys))
+        else:
+            graph = GraphHere(mission, options.settings, options.solve_every, work)
+        self.graph = graph
+        self.session = Session(
+            mission, stream, ready.locator, graph, self.view, options, realtime=realtime, on_step=self._step,
+            skip_until=skip_until,
+        )  # fmt: skip
+        if work is not None and keys:
+            solution = work.solve()
+            if solution is not None:
+                self.session.begin(self.session.loop.resume([(k, n) for n, k in enumerate(keys)], solution))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know before the first frame."""
+        return self._ready.locator.warnings
+
+    def __enter__(self) -> Flight:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+        if self._telemetry is not None:
+            self._telemetry.close()
+        self._ready.mission.__exit__()
+
+    def fly(self) -> None:
+        """Fly until the source ends or ``stop`` is called."""
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
+            with threadpool_limits(1):
+                self.session.run()
+        finally:
+            cv2.setNumThreads(threads)
+
+    def stop(self) -> None:
+        """End the flight soon; from any thread."""
+        self.session.stop()
+
+    def land(self, on_progress: Progress) -> MapSummary:
+        """Make the final map."""
+        self._ready.mission.__exit__()
+
+        def told(end: LiveEnd) -> None:
+            self.view.put(phase=end.phase, end=end)
+            self.view.tell(end)
+
+        told(LiveEnd(LivePhase.FINALISING, 0.0, "the final map is made"))
+        summary = land(self.folder, on_progress, told)
+        told(LiveEnd(LivePhase.ENDED, 1.0, "the map is finished"))
+        return summary
+
+    def summary(self, made: MapSummary | None) -> LiveSummary:
+        """Return what there is to tell."""
+        loop = self.session.loop
+        failure = self.session.failure
+        warnings = () if failure is None else (str(failure),)
+        return LiveSummary(
+            str(self.folder), loop.tally, len(loop.chart), loop.tracker.pieces, None, made,
+            (*self.warnings, *warnings) if made is None else warnings,
+        )  # fmt: skip
+
+    def _step(self, step: Step) -> None:
+        pose = self.view.state.pose
+        if pose is None or pose.time_s - self._said_s < SAY_EVERY_S:
+            return
+        self._said_s = pose.time_s
+        t, chart = self.session.loop.tally, self.session.loop.chart
+        place = "on the ground" if chart.map_frame.crs_wkt is not None else "relative"
+        self.on_second(
+            f"{pose.time_s:6.1f} s  {t.frames} frames, {t.dropped} dropped, {t.error_frames} error frames, "
+            f"{len(chart)} key frames, {self.session.loop.tracker.pieces} piece(s), {place}, revision {chart.revision}"
+        )
+
+
+def open_flight(request: FlightRequest, clock: LiveClock | None = None) -> Flight:
+    """Return a flight that is ready; what cannot be used is told before the first frame. ``PhotomapError`` children."""
+    if request.resume is not None:
+        return _resumed(request, clock)
+    if request.source is None or request.folder is None:
+        raise ValueError("a flight needs a source and a folder")
+    stream = open_stream(request.source, realtime=request.realtime, options=request.settings.ingest, clock=clock)
+    try:
+        options = LiveOptions(settings=request.settings, area_lon_lat=_area(request.area))
+        ready = begin_session(request.source, request.folder, stream, options)
+    except BaseException:
+        stream.close()
+        raise
+    return Flight(ready, stream, realtime=request.realtime)
+
+
+def _resumed(request: FlightRequest, clock: LiveClock | None) -> Flight:
+    folder = request.resume
+    assert folder is not None
+    ready, source = resume_session(folder)
+    stream = open_stream(
+        source, realtime=request.realtime, options=ready.options.settings.ingest, clock=clock
+    )  # fmt: skip
+    keys = whole_keys(ready.mission)
+    _cut_frames(ready.mission, keys)
+    last = max((k.frame_number or 0 for k in keys), default=-1)
+    is_file = Path(source).is_file()
+    return Flight(ready, stream, realtime=request.realtime, keys=keys, skip_until=last if is_file else -1)
+
+
+def _cut_frames(mission: Mission, keys: list[FrameRef]) -> None:
+    """Forget what was written of frames behind those whose pixels are there."""
+    count = len(keys)
+    for journal, wanted in (
+        (mission.frames, lambda r: r.index < count),
+        (mission.prepared, lambda r: r.frame < count),
+        (mission.registrations, lambda r: max(r.a, r.b) < count),
+    ):
+        journal.keep(wanted)
+
+
+def _recalled(mission: Mission, options: LiveOptions, keys: list[FrameRef]) -> GraphWork:
+    """Return the graph of a session that was cut off; key frames that it had not heard of are taken in again."""
+    known = {p.frame for p in mission.prepared}
+    heard = next((n for n, k in enumerate(keys) if k.index not in known), len(keys))
+    work = recalled(mission, options.settings, keys[:heard])
+    for ref in keys[heard:]:
+        image = cv2.imread(str(mission.video_frame_path(ref.index)), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise DataError(f"{mission.video_frame_path(ref.index)} is damaged: the session cannot be resumed")
+        work.add(KeyNews(ref, np.asarray(image, np.uint8), work.place_of(ref.index - 1), None))
+    return work
+
+
+def _area(path: Path | None) -> tuple[tuple[float, float], ...]:
+    """Return the polygon to cover in degrees; ``DataError`` where the file holds none."""
+    if path is None:
+        return ()
+    outline = read_cutline(path).geometry_in(parse_crs(WGS84).to_wkt())
+    polygon = max(getattr(outline, "geoms", [outline]), key=lambda g: g.area)
+    return tuple((float(x), float(y)) for x, y in polygon.exterior.coords)
