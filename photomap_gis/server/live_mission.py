@@ -39,6 +39,7 @@ from photomap_gis.server.live_view import (
     LiveSession,
     LiveSnapped,
     LiveSolution,
+    LiveState,
     LiveTiles,
     RasterKind,
 )
@@ -148,7 +149,7 @@ class LiveMission:
             version=self._version,
             elapsed_s=round(state.elapsed_s, 3),
             started_utc=_utc(state.started_utc_s),
-            pose=None if state.pose is None else self.pose_document(state.pose),
+            pose=None if state.pose is None or not _same_kind(state.pose, state) else self.pose_document(state.pose),
             health=None if state.health is None else _health_document(state.health),
             end=None if state.end is None else _end_document(state.end),
             area=area,
@@ -234,7 +235,7 @@ class LiveMission:
         state = self.session.state
         georeferenced = state.map_frame.crs_wkt is not None
         if isinstance(event, LivePose):
-            return self.pose_document(event) if self.hub.listeners else None
+            return self.pose_document(event) if _same_kind(event, state) and self.hub.listeners else None
         if isinstance(event, LiveTiles):
             return TilesDocument(version=event.version, areas=self.layers[0].window_bounds(event.windows))
         if isinstance(event, LiveSolution):
@@ -252,6 +253,11 @@ class LiveMission:
         if isinstance(event, LiveSnapped):
             return SnappedDocument(epoch=event.epoch, georeferenced=georeferenced, words=event.words)
         return _end_document(event)
+
+
+def _same_kind(pose: LivePose, state: LiveState) -> bool:
+    # In the moment of snapping poses may be of the new frame while the map is still drawn in the old one.
+    return (pose.map_frame.crs_wkt is None) == (state.map_frame.crs_wkt is None)
 
 
 def ellipse(covariance: FloatArray | None) -> EllipseDocument | None:
