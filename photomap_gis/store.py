@@ -202,7 +202,7 @@ class ControlRecord:
     """What people say of the map's place: control points of a file, points picked on the map, corrections by hand.
 
     ``source`` is the file's name as it was given; ``check`` what was said of check points. ``picks`` name their
-    pictures by index (``#12``).
+    pictures by index (``#12``); those named in ``check_picks`` test the map and have no part in its fit.
     """
 
     points: tuple[ControlPoint, ...] = ()
@@ -210,6 +210,7 @@ class ControlRecord:
     check: tuple[str, ...] = ()
     picks: tuple[ControlPoint, ...] = ()
     nudges: tuple[Nudge, ...] = ()
+    check_picks: tuple[str, ...] = ()
 
 
 class Journal(Generic[T]):

@@ -82,8 +82,6 @@ class AccessMiddleware:
         if access.loopback_only and not is_loopback(_host_name(headers.get("host", ""))):
             return problem(403, "forbidden", "this server answers to localhost only: use the address that it printed")
         writes = scope["method"] not in ("GET", "HEAD", "OPTIONS")
-        if writes and scope["method"] in ("POST", "PUT", "PATCH") and not _is_json(headers.get("content-type", "")):
-            return problem(415, "json", "what is written is JSON: send content-type: application/json")
         if access.token is None and not writes:
             return None
         query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
@@ -99,9 +97,11 @@ class AccessMiddleware:
         if known and not writes:
             return None
         if known:
-            if _is_our_page(headers):
-                return None
-            return problem(403, "origin", "writing is for this server's own page and for those who show the token")
+            if not _is_our_page(headers):
+                return problem(403, "origin", "writing is for this server's own page and for those who show the token")
+            if scope["method"] != "DELETE" and not _is_json(headers.get("content-type", "")):
+                return problem(415, "json", "what a page writes is JSON: send content-type: application/json")
+            return None
         return problem(401, "token", "a token is needed: open the address with ?token=... that the server printed")
 
     def _welcome(self, rest: list[tuple[str, str]]) -> Response:

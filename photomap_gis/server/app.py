@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -16,7 +16,7 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
-from starlette.routing import Route
+from starlette.routing import BaseRoute, Route
 
 from photomap_gis import __version__
 from photomap_gis.core.errors import PhotomapError, UsageError
@@ -45,8 +45,18 @@ _WATCH_S = 1.0
 _CACHE_FOR_EVER = "private, max-age=31536000, immutable"
 
 
-def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Starlette:
-    """Return the application over a host's missions."""
+def create_app(
+    host: Host,
+    access: Access,
+    *,
+    watch_s: float = _WATCH_S,
+    further: Sequence[BaseRoute] = (),
+    on_close: Callable[[], None] | None = None,
+) -> Starlette:
+    """Return the application over a host's missions.
+
+    ``further`` are addresses of whoever builds on it, asked before our own; ``on_close`` is called when it ends.
+    """
     page = PageAssets()
 
     @contextlib.asynccontextmanager
@@ -58,10 +68,13 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
         finally:
             watcher.cancel()
             host.close_streams()
+            if on_close is not None:
+                await run_in_threadpool(on_close)
             await run_in_threadpool(host.close)
 
     api = _Api(host, access)
     routes = [
+        *further,
         Route("/", page.index),
         Route("/assets/{name}", page.asset),
         Route("/api", api.server),
@@ -81,7 +94,7 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
         Route("/wmts.xml", api.wmts),
         Route("/tiles/{z}/{x}/{y}.{format}", api.tile),
     ]
-    return Starlette(
+    app = Starlette(
         routes=routes,
         lifespan=lifespan,
         middleware=[Middleware(AccessMiddleware, access=access)],
@@ -92,6 +105,8 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
             ClientDisconnect: lambda request, error: Response(status_code=400),
         },
     )
+    app.state.end_streams = host.close_streams  # see run.BoundServer
+    return app
 
 
 class _Api:
@@ -252,7 +267,7 @@ def _json(document: BaseModel, status: int = 200) -> Response:
 
 def _http_problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    names = {400: "request", 404: "not_found", 405: "method"}
+    names = {400: "request", 404: "not_found", 405: "method", 413: "too_large", 429: "busy"}
     return problem(error.status_code, names.get(error.status_code, "http"), error.detail)
 
 

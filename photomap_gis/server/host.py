@@ -43,13 +43,17 @@ class Host:
         """Serve a mission folder; one that is served already keeps its name. ``PhotomapError`` where it cannot be."""
         folder = folder.absolute()
         with self._lock:
-            for mission in self._missions.values():
-                if isinstance(mission, ServedMission) and mission.folder == folder and before is None:
-                    return mission
-            id = str(self._count + 1)
-            self._missions[id] = opened = ServedMission(id, folder, self._open_view, before)
+            if before is None and (served := self._served(folder)) is not None:
+                return served
             self._count += 1
-            return opened
+            id = str(self._count)
+        mission = ServedMission(id, folder, self._open_view, before)  # not under the lock: it reads many files
+        with self._lock:
+            if before is None and (served := self._served(folder)) is not None:
+                mission.close()  # somebody else was quicker
+                return served
+            self._missions[id] = mission
+            return mission
 
     def open_live(self, session: LiveSession) -> LiveMission:
         """Serve a flight; once it has ended its folder is served under the same name."""
@@ -60,6 +64,13 @@ class Host:
             if self._loop is not None:
                 mission.hub.attach(self._loop)
             return mission
+
+    def close_mission(self, id: str) -> None:
+        """Serve a mission no longer; ``KeyError`` where there is none of that name."""
+        with self._lock:
+            mission = self._missions.pop(id)
+            self._desks.pop(mission, None)
+        mission.close()
 
     def get(self, id: str | None) -> AnyMission:
         """Return a mission, the first one for ``None``; ``KeyError`` where there is none."""
@@ -82,7 +93,7 @@ class Host:
         """Return each mission's name and epoch now; a flight that has ended becomes a mission like any other."""
         found = []
         for mission in self.all():
-            with contextlib.suppress(PhotomapError):
+            with contextlib.suppress(PhotomapError, OSError, ValueError, LookupError):  # half written: the next look
                 if isinstance(mission, LiveMission):
                     if mission.ended:
                         self._land(mission)
@@ -140,6 +151,10 @@ class Host:
         """Let go of all files."""
         for mission in self.all():
             mission.close()
+
+    def _served(self, folder: Path) -> ServedMission | None:
+        found = (m for m in self._missions.values() if isinstance(m, ServedMission))
+        return next((m for m in found if m.folder == folder and m.before is None), None)
 
     def _moved(self, mission: LiveMission) -> None:
         """The map has moved: so do its finds. Runs in a thread of its own."""

@@ -24,7 +24,7 @@ from photomap_gis.server.live_view import LivePicture
 
 POSE_EVERY_S = 1.0 / 15.0
 _TILES_EVERY_S = 0.2
-_KEEP_ALIVE_S = 10.0
+_KEEP_ALIVE_S = 3.0
 _WAITING = 128
 _REMEMBERED = 512
 _MOST_AREAS = 48
@@ -124,7 +124,8 @@ class LiveHub:
                 try:
                     await asyncio.wait_for(listener.wake.wait(), _KEEP_ALIVE_S)
                 except TimeoutError:
-                    yield b": still here\n\n"  # proxies cut connections that say nothing
+                    # Proxies cut connections that say nothing, and a page cannot tell silence from a lost server.
+                    yield b"event: alive\ndata: {}\n\n"
                     continue
                 listener.wake.clear()
                 while listener.others:
@@ -183,6 +184,12 @@ class Views:
         self._newest: LivePicture | None = None
         self._changed = asyncio.Event()
         self._watchers = 0
+        self._closed = False
+
+    @property
+    def closed(self) -> bool:
+        """Whether there is nothing more to see."""
+        return self._closed
 
     async def after(self, sequence: int, timeout_s: float) -> LivePicture | None:
         """Return the newest picture once it is newer than ``sequence``; ``None`` where none comes in time."""
@@ -191,7 +198,7 @@ class Views:
             self._begin()
             loop = asyncio.get_running_loop()
             until = loop.time() + timeout_s
-            while (left := until - loop.time()) > 0:
+            while (left := until - loop.time()) > 0 and not self._closed:
                 if self._newest is not None and self._newest.sequence > sequence:
                     return self._newest
                 try:
@@ -204,13 +211,15 @@ class Views:
             asyncio.get_running_loop().call_later(_LINGER_S, self._end_if_alone)
 
     def close(self) -> None:
-        """Stop watching; in the loop."""
+        """Stop watching, and let nobody wait any more; in the loop."""
+        self._closed = True
+        self._changed.set()
         self._watchers = 0
         self._end_if_alone()
 
     def _begin(self) -> None:
         self._loop = asyncio.get_running_loop()
-        if self._stop is None:
+        if self._stop is None and not self._closed:
             self._newest = None
             self._stop = self._watch(self._came)
 
@@ -224,6 +233,8 @@ class Views:
             self._loop = None
 
     def _take(self, picture: LivePicture) -> None:
+        if self._closed:
+            return
         self._newest = picture
         self._changed.set()  # wakes all who wait; then the next picture is waited for
         self._changed.clear()

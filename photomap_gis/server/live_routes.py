@@ -113,6 +113,8 @@ class LiveApi:
         while not mission.ended:
             picture = await mission.views.after(sequence, _WAIT_S)
             if picture is None:
+                if mission.views.closed:
+                    return
                 continue
             sequence = picture.sequence
             head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture.jpeg)}\r\n\r\n"

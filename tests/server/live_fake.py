@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -48,6 +49,12 @@ FPS = 30.0
 KEY_EVERY = 8
 WIDTH, HEIGHT = 640, 360
 STARTED_UTC_S = 1_790_000_000.0
+
+
+@lru_cache(maxsize=2)
+def ground_of(side_m: float, gsd_m: float) -> Ground:
+    """The ground that is flown over; made once."""
+    return procedural_scene((side_m, side_m), gsd_m, 5)
 
 
 class FakeRaster:
@@ -116,7 +123,7 @@ class FakeSession:
 
     def __init__(self, folder: Path, *, georeferenced: bool = True, area: bool = True, side_m: float = 120.0) -> None:
         self.gsd = 0.08
-        self.ground: Ground = procedural_scene((side_m, side_m), self.gsd, 5)
+        self.ground = ground_of(side_m, self.gsd)
         east, north = self.ground.centre_en_m
         self.true_frame = MapFrame(self.ground.crs_wkt, round(east), round(north))
         # without a place the map's unit is a pixel of the first frame, and its axes are turned
@@ -197,7 +204,7 @@ class FakeSession:
         for _ in range(frames):
             self.frame += 1
             self.phase = LivePhase.FLYING
-            self.drift = self.drift @ Similarity2D(0.004, 0.002, 0.0)
+            self.drift = self.drift @ Similarity2D(0.05, 0.03, 0.0)
             T = self.drift @ self.truth(self.frame)
             placed = self.link is LinkState.OK
             lon, lat = self._lon_lat([self.truth(self.frame).translation])[0]
@@ -277,8 +284,8 @@ class FakeSession:
         if rest > lane_m:
             share = (rest - lane_m) / spacing_m
             y, heading = y - (rest - lane_m), heading * (1 - 2 * share) if share < 1 else -heading
-        wobble = 0.03 * math.sin(frame * 0.7)
-        return Similarity2D(x, y + 0.4 * math.sin(frame * 0.9), heading + wobble, math.log(self.gsd))
+        wobble = 0.03 * math.sin(frame * 0.7)  # the hand that flies it
+        return Similarity2D(x, y + 0.5 * math.sin(frame * 0.06), heading + wobble, math.log(self.gsd))
 
     def picture(self, frame: int) -> np.ndarray:
         """``(H, W, 3)`` BGR that the camera sees."""

@@ -321,7 +321,12 @@ def test_a_changed_mission_is_told_to_listeners(mission):
 def test_the_protocol_document_names_every_address_and_field(client):
     text = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
     for route in client.app.routes:
-        path = route.path.replace("{mission}", "1").replace("{layer}", "LAYER").replace("{format}", "png").replace("{find}", "ID")
+        path = (
+            route.path.replace("{mission}", "1")
+            .replace("{layer}", "LAYER")
+            .replace("{format}", "png")
+            .replace("{find}", "ID")
+        )
         assert path.startswith("/assets") or f"`{path}" in text, path
     document = client.get("/missions/1").json()
     layer = next(v for v in document["layers"] if v["legend"])
