@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from photomap_gis.cli.cot_options import cot_options, cot_receiver, cot_url_option
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.source_options import ingest_options, source_options
-from photomap_gis.core.errors import PhotomapError, UsageError
+from photomap_gis.core.errors import UsageError
 
 if TYPE_CHECKING:
+    from photomap_gis.export.cot import CotAddress
     from photomap_gis.live.flight import Flight
     from photomap_gis.live.landing import LiveSummary
+    from photomap_gis.server.live_view import LivePose
 
 
 @click.command(name="live", short_help="Grow the map while the drone flies, on a page and in QGIS.")
@@ -29,6 +32,9 @@ if TYPE_CHECKING:
 @click.option("--resume", type=click.Path(path_type=Path), metavar="MISSION",
               help="Go on with a session that was cut off.")  # fmt: skip
 @click.option("--mavlink", metavar="CONN", help="Positions from an autopilot, e.g. udpin:0.0.0.0:14550.")
+@click.option("--request-streams", is_flag=True, help="Ask the autopilot for positions (sends to it).")
+@cot_url_option
+@cot_options
 @click.option("--as-fast-as-possible", "fast", is_flag=True,
               help="Do not play a file at its rate; nothing is dropped, no page unless --port is given.")  # fmt: skip
 @click.option("--area", type=click.Path(path_type=Path, exists=True), metavar="FILE",
@@ -53,6 +59,13 @@ def command(
     mission: Path | None,
     resume: Path | None,
     mavlink: str | None,
+    request_streams: bool,
+    cot_url: str | None,
+    cot_callsign: str,
+    cot_cert: Path | None,
+    cot_key: Path | None,
+    cot_ca: Path | None,
+    cot_server_name: str | None,
     fast: bool,
     area: Path | None,
     crs: str | None,
@@ -94,10 +107,18 @@ def command(
         max_off_nadir_deg=max_off_nadir,
     )  # fmt: skip
     request = FlightRequest(
-        source, mission, resume, settings, mavlink=mavlink, realtime=not fast, area=area,
+        source, mission, resume, settings, mavlink=mavlink, request_streams=request_streams, realtime=not fast,
+        area=area,
     )  # fmt: skip
     serve = not no_serve and (not fast or port is not None)
-    with open_flight(request) as flight, _page(flight, serve, host, port, token, as_json):
+    receiver = cot_receiver(
+        cot_url, cot_cert=cot_cert, cot_key=cot_key, cot_ca=cot_ca, cot_server_name=cot_server_name
+    )  # fmt: skip
+    with (
+        open_flight(request) as flight,
+        _pushed(flight, receiver, cot_callsign),
+        _page(flight, serve, host, port, token, as_json),
+    ):
         for warning in flight.warnings:
             click.echo(f"warning: {warning}", err=True)
         with _ends(flight):
@@ -119,6 +140,25 @@ def _landed(flight: Flight, *, no_finalise: bool, quiet: bool) -> LiveSummary:
         return flight.summary(None)
     with ProgressBars(quiet=quiet) as bars:
         return flight.summary(flight.land(bars))
+
+
+@contextlib.contextmanager
+def _pushed(flight: Flight, receiver: CotAddress | None, callsign: str) -> Iterator[None]:
+    """Push drone and footprint to a team's devices while the block lasts."""
+    if receiver is None:
+        yield
+        return
+    from photomap_gis.cli.cot_values import cot_values
+    from photomap_gis.export.cot import CotPusher
+
+    with CotPusher(receiver) as push:
+
+        def tell(pose: LivePose) -> None:
+            for value in cot_values(pose, flight.folder, callsign):
+                push.put(value)
+
+        flight.on_pose = tell
+        yield
 
 
 @contextlib.contextmanager
@@ -211,6 +251,3 @@ def _tell(summary: LiveSummary, *, as_json: bool) -> None:
             click.echo(describe(summary.map))
     for warning in (*summary.warnings, *(() if summary.map is None else summary.map.warnings)):
         click.echo(f"warning: {warning}", err=True)
-
-
-__all__ = ["PhotomapError", "command"]

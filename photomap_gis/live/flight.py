@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from photomap_gis.core.errors import DataError
+from photomap_gis.core.errors import DataError, OutputError, UsageError
 from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.live import FrameSource, LiveClock, LiveTelemetry
 from photomap_gis.export.crs import WGS84, parse_crs
 from photomap_gis.export.cutline import read_cutline
 from photomap_gis.ingest.stream import open_stream
+from photomap_gis.ingest.stream.telemetry import open_telemetry
 from photomap_gis.live.graph import GraphWork, KeyNews
 from photomap_gis.live.graph_desk import GraphDesk, GraphHere, GraphProcess, recalled
 from photomap_gis.live.landing import LiveSummary, land
-from photomap_gis.live.opening import Ready, begin_session, resume_session, whole_keys
+from photomap_gis.live.locate import FromTelemetry
+from photomap_gis.live.opening import RECORDING, Ready, begin_session, is_video_file, resume_session, whole_keys
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.session import Session
 from photomap_gis.live.tracker import Step
 from photomap_gis.live.view import LiveView, starting_state
 from photomap_gis.pipeline import MapSummary
 from photomap_gis.pipeline.settings import MapSettings, Progress
-from photomap_gis.server.live_view import LiveEnd, LivePhase
+from photomap_gis.server.live_view import LiveEnd, LivePhase, LivePose
 from photomap_gis.store import Mission
 
 SAY_EVERY_S = 1.0
@@ -41,6 +43,7 @@ class FlightRequest:
     resume: Path | None = None
     settings: MapSettings = MapSettings()  # noqa: RUF009  (frozen)
     mavlink: str | None = None
+    request_streams: bool = False
     realtime: bool = True
     area: Path | None = None
 
@@ -57,6 +60,7 @@ class Flight:
         keys: list[FrameRef] | None = None,
         skip_until: int = -1,
         telemetry: LiveTelemetry | None = None,
+        known: set[str] | None = None,
     ) -> None:
         self._ready, self._stream, self._telemetry = ready, stream, telemetry
         mission, options = ready.mission, ready.options
@@ -67,6 +71,7 @@ class Flight:
             starting_state(mission.folder.resolve().name, mission.folder, area_lon_lat=area, warnings=self.warnings),
         )
         self.on_second: Callable[[str], None] = lambda words: None
+        self.on_pose: Callable[[LivePose], None] = lambda pose: None
         self._said_s = -1e9
         graph: GraphDesk
         work: GraphWork | None = None
@@ -83,8 +88,9 @@ class Flight:
         self.graph = graph
         self.session = Session(
             mission, stream, ready.locator, graph, self.view, options, realtime=realtime, on_step=self._step,
-            skip_until=skip_until,
+            skip_until=skip_until, skip_sources=frozenset(known or ()),
         )  # fmt: skip
+        self._was_armed = False
         if work is not None and keys:
             solution = work.solve()
             if solution is not None:
@@ -146,12 +152,23 @@ class Flight:
         if pose is None or pose.time_s - self._said_s < SAY_EVERY_S:
             return
         self._said_s = pose.time_s
+        self._look_at_vehicle()
+        self.on_pose(pose)
         t, chart = self.session.loop.tally, self.session.loop.chart
         place = "on the ground" if chart.map_frame.crs_wkt is not None else "relative"
         self.on_second(
             f"{pose.time_s:6.1f} s  {t.frames} frames, {t.dropped} dropped, {t.error_frames} error frames, "
             f"{len(chart)} key frames, {self.session.loop.tracker.pieces} piece(s), {place}, revision {chart.revision}"
         )
+
+    def _look_at_vehicle(self) -> None:
+        """Land when the autopilot disarms."""
+        if self._telemetry is None:
+            return
+        armed = self._telemetry.state().armed
+        if armed is False and self._was_armed:
+            self.stop()
+        self._was_armed = self._was_armed or armed is True
 
 
 def open_flight(request: FlightRequest, clock: LiveClock | None = None) -> Flight:
@@ -160,28 +177,68 @@ def open_flight(request: FlightRequest, clock: LiveClock | None = None) -> Fligh
         return _resumed(request, clock)
     if request.source is None or request.folder is None:
         raise ValueError("a flight needs a source and a folder")
-    stream = open_stream(request.source, realtime=request.realtime, options=request.settings.ingest, clock=clock)
+    options = LiveOptions(settings=request.settings, area_lon_lat=_area(request.area))
+    stream, telemetry = _opened(request.source, request.folder, request, options, clock)
     try:
-        options = LiveOptions(settings=request.settings, area_lon_lat=_area(request.area))
-        ready = begin_session(request.source, request.folder, stream, options)
+        ready = begin_session(request.source, request.folder, stream, options, telemetry)
+        return Flight(ready, stream, realtime=request.realtime, telemetry=telemetry)
+    except BaseException:
+        _close(stream, telemetry)
+        raise
+
+
+def _opened(
+    source: str, folder: Path, request: FlightRequest, options: LiveOptions, clock: LiveClock | None
+) -> tuple[FrameSource, LiveTelemetry | None]:
+    """Open a source with its black box, and its telemetry; a file needs neither: it is the recording itself."""
+    ingest = options.settings.ingest
+    if is_video_file(source) and request.mavlink is None:
+        return open_stream(source, realtime=request.realtime, options=ingest, clock=clock), None
+    recording = None if Path(source).exists() else folder / RECORDING
+    if recording is not None:
+        if Mission.exists(folder) and request.resume is None:
+            raise UsageError(f"{folder} holds a mission already: choose another folder by -o")
+        try:
+            recording.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write {folder}: {error.strerror}; choose another folder by -o") from error
+    stream = open_stream(source, realtime=request.realtime, options=ingest, clock=clock, recording=recording)
+    try:
+        telemetry = open_telemetry(
+            stream, track=ingest.track, mavlink_url=request.mavlink, options=ingest, clock=clock, recording=recording,
+            request_streams=request.request_streams,
+        )  # fmt: skip
     except BaseException:
         stream.close()
         raise
-    return Flight(ready, stream, realtime=request.realtime)
+    return stream, telemetry
+
+
+def _close(stream: FrameSource, telemetry: LiveTelemetry | None) -> None:
+    stream.close()
+    if telemetry is not None:
+        telemetry.close()
 
 
 def _resumed(request: FlightRequest, clock: LiveClock | None) -> Flight:
     folder = request.resume
     assert folder is not None
     ready, source = resume_session(folder)
-    stream = open_stream(
-        source, realtime=request.realtime, options=ready.options.settings.ingest, clock=clock
-    )  # fmt: skip
-    keys = whole_keys(ready.mission)
-    _cut_frames(ready.mission, keys)
-    last = max((k.frame_number or 0 for k in keys), default=-1)
-    is_file = Path(source).is_file()
-    return Flight(ready, stream, realtime=request.realtime, keys=keys, skip_until=last if is_file else -1)
+    stream, telemetry = _opened(source, folder, request, ready.options, clock)
+    try:
+        if telemetry is not None:
+            ready = replace(ready, locator=FromTelemetry(telemetry))
+        keys = whole_keys(ready.mission)
+        _cut_frames(ready.mission, keys)
+        # A file begins at its beginning again; photos of a folder are told by their names, a stream just goes on.
+        last = max((k.frame_number or 0 for k in keys), default=-1) if is_video_file(source) else -1
+        return Flight(
+            ready, stream, realtime=request.realtime, keys=keys, skip_until=last, telemetry=telemetry,
+            known={k.source for k in keys} if Path(source).is_dir() else set(),
+        )  # fmt: skip
+    except BaseException:
+        _close(stream, telemetry)
+        raise
 
 
 def _cut_frames(mission: Mission, keys: list[FrameRef]) -> None:

@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from photomap_gis.core.frame import Flight, FlightTrack, FrameRef, TrackFix
-from photomap_gis.core.live import FrameMoment, LiveFrame, LiveTelemetry, StreamFix
-from photomap_gis.live.frame_line import place_of, placed_as
-
-OLDEST_S = 1.5
-"""A position that the stream itself told holds for so long."""
+from photomap_gis.core.frame import Flight, FlightTrack, FrameRef
+from photomap_gis.core.live import FrameMoment, LiveFrame, LiveTelemetry, StreamEvent
+from photomap_gis.live.frame_line import placed_as
 
 
 class Locator(Protocol):
@@ -21,7 +18,7 @@ class Locator(Protocol):
         """Return the frame's ref with all of it."""
         ...
 
-    def hear(self, fix: StreamFix) -> None:
+    def hear(self, event: StreamEvent) -> None:
         """Take in what the stream itself tells."""
         ...
 
@@ -56,42 +53,45 @@ class FromLog:
         known = self._by_number.get(frame.ref.frame_number)
         return frame.ref if known is None else known
 
-    def hear(self, fix: StreamFix) -> None:
+    def hear(self, event: StreamEvent) -> None:
         """Know it from the log already."""
 
 
 class FromTelemetry:
-    """Frames by positions that come while the flight lasts; those of the stream itself where there are no others."""
+    """Frames by positions that come while the flight lasts, or by what the frames tell themselves (photos)."""
 
     def __init__(self, telemetry: LiveTelemetry | None = None) -> None:
         self._telemetry = telemetry
-        self._heard: StreamFix | None = None
-        self._points: list[TrackFix] = []
+        self._has_told = False
 
     @property
     def has_positions(self) -> bool:
-        """Whether positions are to be expected."""
-        return self._telemetry is not None or self._heard is not None
+        """Whether positions have come, or an autopilot was heard."""
+        return self._has_told or (self._telemetry is not None and self._telemetry.state().is_heard)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the telemetry has to say."""
         return () if self._telemetry is None else self._telemetry.warnings()
 
-    def hear(self, fix: StreamFix) -> None:
-        """Hold the newest position of the stream."""
-        self._heard = fix
+    def hear(self, event: StreamEvent) -> None:
+        """Hand on what the stream tells."""
+        if self._telemetry is not None:
+            self._telemetry.hear(event)
 
     def place(self, frame: LiveFrame) -> FrameRef:
         """Return the frame's ref with the newest position that is known of it."""
         ref = frame.ref
         if self._telemetry is not None:
+            self._telemetry.hear(frame)
             (point,) = self._telemetry.place([FrameMoment(frame.stream_time_s, frame.arrival_s)])
             if point is not None:
-                return replace(ref, fix=point.fix, height_m=point.height_m, attitude=point.attitude)
-        heard = self._heard
-        if ref.fix is None and heard is not None and abs(frame.stream_time_s - heard.stream_time_s) < OLDEST_S:
-            return replace(ref, fix=heard.fix, height_m=heard.height_m, attitude=heard.attitude)
+                self._has_told = True
+                ref = replace(
+                    ref, fix=point.fix, height_m=point.height_m if point.height_m is not None else ref.height_m,
+                    attitude=point.attitude if point.attitude is not None else ref.attitude,
+                )  # fmt: skip
+        self._has_told = self._has_told or ref.fix is not None
         return ref
 
 
@@ -109,8 +109,5 @@ class FromJournal:
         line = self._lines.get(frame.index)
         return self._base.place(frame) if line is None else placed_as(self._base.place(frame), line.get("p"))
 
-    def hear(self, fix: StreamFix) -> None:
+    def hear(self, event: StreamEvent) -> None:
         """Know what was known then."""
-
-
-__all__ = ["FromJournal", "FromLog", "FromTelemetry", "Locator", "place_of"]

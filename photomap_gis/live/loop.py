@@ -19,6 +19,9 @@ from photomap_gis.live.lattice import choose_lattice
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.tracker import FrameState, NewKey, Step, Tracker, is_video, wide_covariance
 
+MOST_INTERVALS = 5000
+"""So many are listed; a link that is worse than that is told by the counts."""
+
 
 @dataclass(slots=True)
 class Interval:
@@ -135,7 +138,7 @@ class FlightLoop:
 
     def note(self, kind: str, since_s: float, until_s: float | None, words: str, frames: int = 0) -> None:
         """Report an interval that the source told of."""
-        self.tally.intervals.append(Interval(kind, since_s, until_s, frames, words))
+        self._begun(Interval(kind, since_s, until_s, frames, words))
         if self._log is not None:
             self._log.write("interval", kind=kind, since_s=since_s, until_s=until_s, words=words)
 
@@ -166,16 +169,20 @@ class FlightLoop:
         if t.with_fix:
             self._interval("no_position", step.ref.fix is None, now_s, "no position came with these frames")
         if step.began is not None:
-            t.intervals.append(Interval("segment", now_s, None, 0, f"segment {step.began} began"))
+            self._begun(Interval("segment", now_s, None, 0, f"segment {step.began} began"))
         if step.joined is not None:
             for one in t.intervals:
                 if one.kind == "segment" and one.until_s is None:
                     one.until_s, one.words = now_s, f"{one.words}, recognised as part of segment {step.joined.into}"
 
+    def _begun(self, interval: Interval) -> None:
+        if len(self.tally.intervals) < MOST_INTERVALS:
+            self.tally.intervals.append(interval)
+
     def _interval(self, kind: str, lasts: bool, now_s: float, words: str) -> None:
         open_one = next((i for i in reversed(self.tally.intervals) if i.kind == kind and i.until_s is None), None)
         if lasts and open_one is None:
-            self.tally.intervals.append(Interval(kind, now_s, None, 1, words))
+            self._begun(Interval(kind, now_s, None, 1, words))
         elif lasts and open_one is not None:
             open_one.frames += 1
         elif open_one is not None:

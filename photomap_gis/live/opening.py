@@ -25,6 +25,7 @@ from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.store import Mission, MissionHeader
 
 ALL_FRAMES_HZ = 1000.0
+RECORDING = "recording"
 _SETTINGS = TypeAdapter(MapSettings)
 
 
@@ -105,7 +106,7 @@ def session_options(folder: Path, mission: Mission) -> LiveOptions:
 def recorded_at(source: str, folder: Path) -> Path:
     """Return where the recording of a source lies: the file itself, a folder of photos, or the mission's black box."""
     path = Path(source)
-    return path.absolute() if path.exists() else (folder / "recording").absolute()
+    return path.absolute() if path.exists() else (folder / RECORDING).absolute()
 
 
 def whole_keys(mission: Mission) -> list[FrameRef]:

@@ -19,10 +19,9 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from photomap_gis.core.errors import PhotomapError
-from photomap_gis.core.live import FrameSource, GapKind, LiveFrame, StreamEnd, StreamEvent, StreamFix, StreamGap
+from photomap_gis.core.live import FrameSource, GapKind, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph_desk import GraphDesk
@@ -79,10 +78,11 @@ class Session:
         realtime: bool,
         on_step: Callable[[Step], None] = lambda step: None,
         skip_until: int = -1,
+        skip_sources: frozenset[str] = frozenset(),
     ) -> None:
         self._mission, self._source, self._locator, self._graph = mission, source, locator, graph
         self.view, self._options, self._realtime = view, options, realtime
-        self._on_step, self._skip_until = on_step, skip_until
+        self._on_step, self._skip_until, self._skip_sources = on_step, skip_until, skip_sources
         (mission.folder / FOLDER).mkdir(exist_ok=True)
         self._log = LineLog(mission.folder / FOLDER / JOURNAL)
         self._render_log = LineLog(mission.folder / FOLDER / RENDER)
@@ -140,12 +140,15 @@ class Session:
     def _run_here(self) -> None:
         for event in self._source:
             if isinstance(event, LiveFrame):
-                if event.index > self._skip_until:
+                if not self._is_known(event):
                     self._take(event)
             else:
                 self._hear(event)
             if self._stop.is_set():
                 break
+
+    def _is_known(self, frame: LiveFrame) -> bool:
+        return frame.index <= self._skip_until or frame.ref.source in self._skip_sources
 
     # in several
 
@@ -169,7 +172,7 @@ class Session:
                 if not isinstance(event, LiveFrame):
                     self._hear(event)
                     continue
-                if event.index <= self._skip_until:
+                if self._is_known(event):
                     continue
                 with self._arrived:
                     self._frames.append(event)
@@ -285,9 +288,8 @@ class Session:
             return None
 
     def _hear(self, event: StreamEvent) -> None:
-        if isinstance(event, StreamFix):
-            self._locator.hear(event)
-        elif isinstance(event, StreamGap):
+        self._locator.hear(event)
+        if isinstance(event, StreamGap):
             if event.kind is GapKind.RECONNECTED:
                 since = event.stream_time_s
                 self.loop.note("link_lost", since, since + (event.duration_s or 0.0), event.message)
@@ -350,8 +352,3 @@ class Session:
         self.view.put_canvas(canvas, epoch)
         words = "the map has found its place on Earth" if canvas.lattice.georeferenced else "the map begins"
         self.view.tell(LiveSnapped(epoch, words))
-
-
-def session_folder(folder: Path) -> Path:
-    """Return where a mission keeps its live session's journals."""
-    return folder / FOLDER

@@ -108,7 +108,7 @@ class StillView:
         if factor > 1:  # pictures much finer than the view would flicker
             h, w = image.shape[0] // factor, image.shape[1] // factor
             image = cv2.resize(image[: h * factor, : w * factor], (w, h), interpolation=cv2.INTER_AREA)
-            part = (part + 0.5) / factor - 0.5
+            part = ((part + 0.5) / factor - 0.5).astype(np.float32)
         still = cv2.remap(image, part, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(24, 24, 24))
         ok, jpeg = cv2.imencode(".jpg", still, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         if not ok:
