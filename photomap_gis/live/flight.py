@@ -11,10 +11,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photomap_gis.core.errors import DataError, OutputError, UsageError
-from photomap_gis.core.frame import FrameRef
+from photomap_gis.core.frame import FrameRef, GpsFix
 from photomap_gis.core.live import FrameSource, LiveClock, LiveTelemetry
-from photomap_gis.export.crs import WGS84, parse_crs
+from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.export.crs import WEB_MERCATOR, WGS84, parse_crs
 from photomap_gis.export.cutline import read_cutline
+from photomap_gis.georef import choose_map_frame
+from photomap_gis.ifmi import Prior, make_spectrum, register
 from photomap_gis.ingest.stream import open_stream
 from photomap_gis.ingest.stream.telemetry import open_telemetry
 from photomap_gis.live.graph import GraphWork, KeyNews
@@ -27,6 +30,7 @@ from photomap_gis.live.session import Session
 from photomap_gis.live.tracker import Step
 from photomap_gis.live.view import LiveView, starting_state
 from photomap_gis.pipeline import MapSummary
+from photomap_gis.pipeline.master import master_frame
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.server.live_view import LiveEnd, LivePhase, LivePose
 from photomap_gis.store import Mission
@@ -90,7 +94,7 @@ class Flight:
             mission, stream, ready.locator, graph, self.view, options, realtime=realtime, on_step=self._step,
             skip_until=skip_until, skip_sources=frozenset(known or ()),
         )  # fmt: skip
-        self._was_armed = False
+        self._was_armed, self._realtime = False, realtime
         if work is not None and keys:
             solution = work.solve()
             if solution is not None:
@@ -116,6 +120,8 @@ class Flight:
         cv2.setNumThreads(1)
         try:
             with threadpool_limits(1):
+                if self._realtime:
+                    _warm_up()
                 self.session.run()
         finally:
             cv2.setNumThreads(threads)
@@ -169,6 +175,16 @@ class Flight:
         if armed is False and self._was_armed:
             self.stop()
         self._was_armed = self._was_armed or armed is True
+
+
+def _warm_up() -> None:
+    """Have windows, plans of transforms and lazy modules made before the first frame comes."""
+    noise = np.random.default_rng(0).integers(0, 255, (288, 512), np.uint8)
+    spectrum = make_spectrum(noise)
+    register(spectrum, make_spectrum(noise), fallback=False)
+    register(spectrum, make_spectrum(noise), prior=Prior(Similarity2D(), 5.0, 0.02, 0.02), fallback=False)
+    utm = choose_map_frame([GpsFix(50.0, 8.0)])
+    master_frame(utm, WEB_MERCATOR).to_crs(np.zeros((1, 2)))
 
 
 def open_flight(request: FlightRequest, clock: LiveClock | None = None) -> Flight:
