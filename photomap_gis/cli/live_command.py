@@ -17,7 +17,7 @@ import click
 from photomap_gis.cli.cot_options import cot_options, cot_receiver, cot_url_option
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.source_options import ingest_options, source_options
-from photomap_gis.core.errors import UsageError
+from photomap_gis.core.errors import PhotomapError, UsageError
 
 if TYPE_CHECKING:
     from photomap_gis.export.cot import CotAddress
@@ -127,19 +127,25 @@ def command(
             flight.fly()
         if not quiet:
             click.echo("", err=True)
-        summary = _landed(flight, no_finalise=no_finalise, quiet=quiet)
+        summary, error = _landed(flight, no_finalise=no_finalise, quiet=quiet)
         _tell(summary, as_json=as_json)
+        if error is not None:
+            raise error
         if stay and serve:
             click.echo("the mission is shown until ^C", err=True)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()
 
 
-def _landed(flight: Flight, *, no_finalise: bool, quiet: bool) -> LiveSummary:
+def _landed(flight: Flight, *, no_finalise: bool, quiet: bool) -> tuple[LiveSummary, PhotomapError | None]:
+    """Make the final map; where none can be made, how the flight went is told all the same."""
     if no_finalise:
-        return flight.summary(None)
-    with ProgressBars(quiet=quiet) as bars:
-        return flight.summary(flight.land(bars))
+        return flight.summary(None), None
+    try:
+        with ProgressBars(quiet=quiet) as bars:
+            return flight.summary(flight.land(bars)), None
+    except PhotomapError as error:
+        return flight.summary(None), error
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from photomap_gis.core.frame import FrameRef, ImageArray
-from photomap_gis.core.live import LiveFrame, Picture
+from photomap_gis.core.live import GapKind, LiveFrame, Picture, StreamGap
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.live.chart import Belief, Chart, LiveSolution
 from photomap_gis.live.frame_line import place_of, pose_numbers
@@ -136,11 +136,21 @@ class FlightLoop:
         if self._log is not None:
             self._log.write("drop", n=index, s=stream_time_s)
 
-    def note(self, kind: str, since_s: float, until_s: float | None, words: str, frames: int = 0) -> None:
-        """Report an interval that the source told of."""
-        self._begun(Interval(kind, since_s, until_s, frames, words))
+    def hear(self, gap: StreamGap) -> None:
+        """Report what the source tells of itself; a link that is lost is so until frames come again."""
+        since_s = gap.stream_time_s
+        if gap.kind is GapKind.RECONNECTED:
+            lost = next((i for i in reversed(self.tally.intervals) if i.kind == "link_lost"), None)
+            if lost is None or lost.until_s is not None:
+                lost = Interval("link_lost", since_s, None)
+                self._begun(lost)
+            lost.until_s, lost.words = lost.since_s + (gap.duration_s or 0.0), gap.message
+        elif gap.kind is GapKind.LINK_LOST:
+            self._begun(Interval("link_lost", since_s, None, 0, gap.message))
+        else:
+            self._begun(Interval(f"source_{gap.kind.value}", since_s, None, gap.frames_lost, gap.message))
         if self._log is not None:
-            self._log.write("interval", kind=kind, since_s=since_s, until_s=until_s, words=words)
+            self._log.write("gap", kind=gap.kind.value, s=since_s, duration_s=gap.duration_s, words=gap.message)
 
     def _keyed(self, key: NewKey, picture: Picture) -> list[Command]:
         self.times_s.append(key.stream_time_s)
@@ -165,7 +175,7 @@ class FlightLoop:
         t.joined += step.joined is not None
         now_s = frame.stream_time_s
         self._interval("error_frames", step.state is FrameState.ERROR, now_s, step.reason or "")
-        self._interval("waiting", step.state is FrameState.WAITING, now_s, "the map waits: not recognised yet")
+        self._interval("not_recognised", step.state is FrameState.WAITING, now_s, "the map waits: not recognised yet")
         if t.with_fix:
             self._interval("no_position", step.ref.fix is None, now_s, "no position came with these frames")
         if step.began is not None:

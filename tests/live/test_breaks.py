@@ -31,7 +31,7 @@ def test_bursts_of_error_frames_are_waited_out(fly, flown: Flown) -> None:
     used = {int(r.frame_number or 0) for r in tracker.chart.refs}
     assert not used & set(broken)  # none of them is in the map
     assert tracker.pieces == 1
-    reported = [i for i in tally.intervals if i.kind in ("error_frames", "waiting", "segment")]
+    reported = [i for i in tally.intervals if i.kind in ("error_frames", "not_recognised", "segment")]
     assert len({round(i.since_s) for i in reported}) >= 4 and all(i.until_s is not None for i in reported)
     assert worst_error_m(flight, flown) < 3.0 * flown.truth.gsd_m_per_px
 
