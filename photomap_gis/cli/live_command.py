@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from photomap_gis.server.live_view import LivePose
 
 
+MOST_LINES = 20
+"""So many intervals are printed for people."""
+
+
 @click.command(name="live", short_help="Grow the map while the drone flies, on a page and in QGIS.")
 @click.argument("source", required=False, metavar="SOURCE")
 @click.option("-o", "--output", "mission", type=click.Path(path_type=Path), help="The mission folder to make.")
@@ -250,9 +254,11 @@ def _tell(summary: LiveSummary, *, as_json: bool) -> None:
             f"flight     {t.frames} frames, {t.tracked} placed, {summary.keyframes} key frames, {t.dropped} dropped, "
             f"{t.error_frames} error frames; {t.segments_begun} breaks, {t.joined} recognised again"
         )
-        for i in t.intervals:
+        for i in t.intervals[:MOST_LINES]:
             until = "" if i.until_s is None else f" to {i.until_s:.1f}"
             click.echo(f"           {i.kind} at {i.since_s:.1f}{until} s: {i.words}")
+        if len(t.intervals) > MOST_LINES:
+            click.echo(f"           and {len(t.intervals) - MOST_LINES} more: --json lists them")
         if summary.map is not None:
             click.echo(describe(summary.map))
     for warning in (*summary.warnings, *(() if summary.map is None else summary.map.warnings)):

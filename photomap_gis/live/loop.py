@@ -19,6 +19,7 @@ from photomap_gis.live.lattice import choose_lattice
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.tracker import FrameState, NewKey, Step, Tracker, is_video, wide_covariance
 
+MERGED_S = 1.0
 MOST_INTERVALS = 5000
 """So many are listed; a link that is worse than that is told by the counts."""
 
@@ -60,6 +61,7 @@ class FlightLoop:
         self.times_s: list[float] = []
         self._log = log
         self._epoch = 0
+        self._max_off_nadir_rad = options.settings.max_off_nadir_rad
         self._held: tuple[FrameRef, Picture] | None = None
 
     @property
@@ -114,7 +116,9 @@ class FlightLoop:
             self.tally.snapped_at_s = stream_time_s
         # The newest first: they are what the drone is over.
         again = [
-            Again(k, self.times_s[k], snapshot.placement(k)) for k in range(len(snapshot) - 1, -1, -1)
+            Again(k, self.times_s[k], snapshot.placement(k))
+            for k in range(len(snapshot) - 1, -1, -1)
+            if self._is_steep(snapshot.refs[k])
         ]  # fmt: skip
         return [self._lay(snapshot, len(snapshot) - 1), Move(snapshot, solution.revision, ()), *again], True
 
@@ -127,7 +131,11 @@ class FlightLoop:
         if not keys:
             return []
         snapshot = self.chart.snapshot()
-        again = [Again(k, self.times_s[k], snapshot.placement(k)) for k in range(len(snapshot))]
+        again = [
+            Again(k, self.times_s[k], snapshot.placement(k))
+            for k in range(len(snapshot))
+            if self._is_steep(snapshot.refs[k])
+        ]
         return [self._lay(snapshot, len(snapshot) - 1), *again]
 
     def drop(self, index: int, stream_time_s: float) -> None:
@@ -158,7 +166,11 @@ class FlightLoop:
         commands: list[Command] = []
         if self._epoch == 0:
             commands.append(self._lay(self.chart, key.ref.index))
-        return [*commands, Take(key, picture, placement)]
+        return [*commands, Take(key, picture, placement, self._is_steep(key.ref))]
+
+    def _is_steep(self, ref: FrameRef) -> bool:
+        """Whether a frame looks down steeply enough to be pasted, as far as is known."""
+        return ref.attitude is None or ref.attitude.off_nadir_rad <= self._max_off_nadir_rad
 
     def _lay(self, chart: Chart, key: int) -> Lay:
         self._epoch += 1
@@ -190,6 +202,10 @@ class FlightLoop:
             self.tally.intervals.append(interval)
 
     def _interval(self, kind: str, lasts: bool, now_s: float, words: str) -> None:
+        if lasts:
+            last = next((i for i in reversed(self.tally.intervals[-20:]) if i.kind == kind), None)
+            if last is not None and last.until_s is not None and now_s - last.until_s < MERGED_S:
+                last.until_s = None  # a link that stutters is one interval, not fifty
         open_one = next((i for i in reversed(self.tally.intervals) if i.kind == kind and i.until_s is None), None)
         if lasts and open_one is None:
             self._begun(Interval(kind, now_s, None, 1, words))
