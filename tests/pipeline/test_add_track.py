@@ -17,7 +17,7 @@ from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.georef import fix_to_map, map_to_lonlat
 from photomap_gis.ingest.options import IngestOptions
-from photomap_gis.pipeline.add_track import add_track, split_tracks
+from photomap_gis.pipeline.add_track import add_track, lend_positions, split_tracks
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.store import Mission, MissionHeader, PreparedFrame, RegistrationRecord
 
@@ -151,3 +151,31 @@ def test_tracks_are_told_from_pictures(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     sources = [str(tmp_path / n) for n in ("a.SRT", "c.jpg", "b.tlog", "none.srt")]
     assert split_tracks(sources) == ([sources[1], sources[3]], [Path(sources[0]), Path(sources[2])])
+
+
+def test_the_cards_file_lends_its_positions_to_the_stream(flown_mission) -> None:
+    flown, mission, _, _ = flown_mission
+    rng = np.random.default_rng(5)
+    whole = frame_refs(rng, flown, MAP, QUIET)
+    card = [replace(f, index=1000 + f.index, flight=1, time_s=None, pts_s=f.time_s) for f in whole]
+    donor = Flight(1, "card", "camera", kind="video")
+    mission.add_footage(Footage(tuple(card), (donor,)))
+    (said,) = lend_positions(mission, [donor], MapSettings(), quiet)
+    assert said.startswith("card: gives 90 of the 90 frames of flight their places")
+    stream = [f for f in mission.frames if f.flight == 0]
+    assert np.median(misses_m(flown, stream)) < 5.0
+    assert lend_positions(mission, [donor], MapSettings(), quiet) == ()  # there is nobody left without
+
+
+def test_another_flight_lends_nothing(flown_mission) -> None:
+    _, mission, _, _ = flown_mission
+    other = fly(np.random.default_rng(3), Plan(80, strip_m=60.0, forward=0.6))
+    frames = frame_refs(np.random.default_rng(4), other, MAP, QUIET)
+    donor = Flight(1, "card", "camera", kind="video")
+    mission.add_footage(
+        Footage(
+            tuple(replace(f, index=1000 + f.index, flight=1, time_s=None, pts_s=f.time_s) for f in frames), (donor,)
+        )
+    )
+    assert lend_positions(mission, [donor], MapSettings(), quiet) == ()
+    assert all(f.fix is None for f in mission.frames if f.flight == 0)
