@@ -13,11 +13,11 @@ import av
 from av.error import FFmpegError
 
 from photomap_gis.core.errors import DataError
-from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.live import EndReason, GapKind, LiveClock, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.ingest.box_files import TICKS_HZ, BoxContents, FrameRecord, piece_path, read_contents, started_utc_s
 from photomap_gis.ingest.decode import frame_index
 from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.ingest.photos import photo_footage
 from photomap_gis.ingest.stills import read_photo
 from photomap_gis.ingest.stream.delivery import Delivery, pts_s
 from photomap_gis.ingest.stream.file_source import FileSource, set_low_latency
@@ -130,7 +130,7 @@ def _events(contents: BoxContents, options: IngestOptions, clock: LiveClock) -> 
         elif line["kind"] == "file":
             events = _of_file(line, options, clock, records)
         else:
-            events = _of_photo(line)
+            events = _of_photo(line, options)
         for event in events:
             if isinstance(event, LiveFrame):
                 while gaps and gaps[0][0] <= event.index:
@@ -234,12 +234,15 @@ def _of_file(
             yield event
 
 
-def _of_photo(line: Mapping[str, Any]) -> Iterator[StreamEvent]:
-    ref = FrameRef(
-        index=int(line["index"]), name=Path(str(line["path"])).name, source=str(line["path"]),
-        width_px=int(line["width_px"]), height_px=int(line["height_px"]), pts_s=float(line["stream_time_s"]),
-    )  # fmt: skip
-    yield LiveFrame(ref, ArrayPicture(read_photo(ref).image), float(line["arrival_s"]))
+def _of_photo(line: Mapping[str, Any], options: IngestOptions) -> Iterator[StreamEvent]:
+    path = Path(str(line.get("path")))
+    arrival_s, stream_s = float(line.get("arrival_s", 0.0)), float(line.get("stream_time_s", 0.0))
+    try:
+        ref = photo_footage([path], options).frames[0]
+        ref = replace(ref, index=int(line.get("index", 0)), pts_s=stream_s)
+        yield LiveFrame(ref, ArrayPicture(read_photo(ref).image), arrival_s)
+    except DataError as error:
+        yield StreamGap(GapKind.FILE_LEFT_OUT, stream_s, arrival_s, str(error), frames_lost=1)
 
 
 def _gap(line: Mapping[str, Any]) -> tuple[int, StreamGap] | None:
