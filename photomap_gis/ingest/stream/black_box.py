@@ -23,7 +23,7 @@ import av
 from av.error import FFmpegError
 
 from photomap_gis.core.live import LiveClock
-from photomap_gis.ingest.box_files import TICKS_HZ, VERSION, BoxIndex, FrameRecord
+from photomap_gis.ingest.box_files import TICKS_HZ, VERSION, BoxIndex, FrameRecord, is_recording, read_contents
 
 logger = logging.getLogger(__name__)
 
@@ -75,9 +75,10 @@ class BlackBox:
         self.folder = folder
         self.problem: str | None = None
         self._clock, self._free_bytes = clock, free_bytes
-        self._index = BoxIndex(folder)
+        # What a session that was cut off has left stays, and what comes now is added to it.
         self._number = _last_piece(folder)
-        self._connection = 0
+        self._connection = _last_connection(folder)
+        self._index = BoxIndex(folder)
         self._open: list[_Piece] = []
         self._untimed: list[Any] = []
         self._template: tuple[Any, tuple[Any, ...]] | None = None
@@ -300,3 +301,11 @@ def _last_piece(folder: Path) -> int:
     """The highest number of the pieces that are there: a session that is resumed adds to them."""
     numbers = [p.stem.removeprefix("piece-") for p in folder.glob("piece-*")]
     return max((int(n) for n in numbers if n.isdigit()), default=0)
+
+
+def _last_connection(folder: Path) -> int:
+    if not is_recording(folder):
+        return 0
+    contents = read_contents(folder)
+    named = [int(line.get("connection", 0)) for line in contents.of_kind("piece")]
+    return max([0, *named, *(f.connection for f in contents.frames)])
