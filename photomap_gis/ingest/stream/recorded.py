@@ -19,7 +19,7 @@ from photomap_gis.ingest.decode import frame_index
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.photos import photo_footage
 from photomap_gis.ingest.stills import read_photo
-from photomap_gis.ingest.stream.delivery import Delivery, pts_s
+from photomap_gis.ingest.stream.delivery import Delivery, held_back, pts_s
 from photomap_gis.ingest.stream.file_source import FileSource, set_low_latency
 from photomap_gis.ingest.stream.picture import ArrayPicture
 from photomap_gis.ingest.stream.timeline import Moment, Timeline
@@ -147,6 +147,8 @@ def _of_connection(
 ) -> Iterator[StreamEvent]:
     """Yield the frames of one connection: its pieces go through one decoder, as they did."""
     decoder: Any = None
+    time_base: Any = None
+    last: Path | None = None
     held: list[Any] = []  # the decoder lives in the first piece's container
     connection = int(lines[0].get("connection", 0))
     try:
@@ -167,11 +169,12 @@ def _of_connection(
             if decoder is None:
                 set_low_latency(video)
                 decoder = video.codec_context
+            time_base, last = video.time_base, path
             yield from _of_piece(container, video, decoder, path, connection, delivery, records)
             if len(held) > 1:
                 held.pop().close()
         if decoder is not None:
-            yield from _frames(_decoded(decoder, None), None, connection, delivery, records)
+            yield from _frames(held_back(decoder, time_base), last, connection, delivery, records)
     finally:
         for container in held:
             container.close()

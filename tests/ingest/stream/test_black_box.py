@@ -87,6 +87,18 @@ def test_reconnections_sizes_and_jumps_come_back_as_they_were(tmp_path: Path) ->
             assert np.array_equal(read_video_frame(Path(frame.ref.source), frame.ref.frame_number), frame.image)
 
 
+@pytest.mark.parametrize("suffix", [".ts", ".mp4"])
+def test_frames_that_were_sent_out_of_order(tmp_path: Path, suffix: str) -> None:
+    tapes = [write_video(tmp_path / f"{n}{suffix}", count=23, first=23 * n, b_frames=2, gop=8) for n in range(2)]
+    clock = FakeClock()
+    with BlackBox(tmp_path / "box", clock, source="x", free_bytes=lambda _: PLENTY) as box:
+        frames = frames_of(fly(clock, *tapes, box=box))
+    assert len(frames) == 46
+    assert same(frames_of(list(open_stream(tmp_path / "box", realtime=False))), frames)
+    for frame in frames[:40:7]:
+        assert np.array_equal(read_video_frame(Path(frame.ref.source), frame.ref.frame_number), frame.image)
+
+
 def test_a_full_disk_ends_the_recording_and_not_the_flight(tmp_path: Path) -> None:
     clock = FakeClock()
     tape = write_video(tmp_path / "a.ts", count=30)
