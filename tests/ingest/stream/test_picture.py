@@ -1,6 +1,7 @@
 """A decoded frame is converted once, by one thread at a time: the scaler belongs to the frame."""
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def test_a_frame_is_converted_once_whoever_asks(monkeypatch, what):
         return np.full((4, 6, 3)[: 3 if what == "bgr" else 2], 7, np.uint8)
 
     monkeypatch.setattr(picture, f"{what}_of", convert)
-    decoded = picture.DecodedPicture(object())
+    decoded = picture.DecodedPicture(SimpleNamespace(height=4, width=6))
 
     def ask() -> None:
         together.wait()
