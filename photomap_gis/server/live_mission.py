@@ -98,7 +98,8 @@ class LiveMission:
 
     def mission_document(self) -> MissionDocument:
         """Return what a page needs to begin."""
-        state, layers, root = self.session.state, self.layers, f"missions/{self.id}"
+        state, layers = self._together()
+        root = f"missions/{self.id}"
         georeferenced = state.map_frame.crs_wkt is not None
         self.look_at_ranges()
         links = {name: f"{root}/{name}.geojson" for name in ("track", "finds")}
@@ -132,12 +133,19 @@ class LiveMission:
             accuracy_words=[note] if note else [],
             warnings=list(state.warnings),
             links=links,
-            live=self.live_document(),
+            live=self.live_document(state),
         )
 
-    def live_document(self) -> LiveDocument:
-        """Return the session at this moment."""
-        state = self.session.state
+    def _together(self) -> tuple[LiveState, tuple[LiveLayer, ...]]:
+        """Return a state and the layers of its epoch: the map may snap between two looks."""
+        while True:
+            state, layers = self.session.state, self.layers
+            if state.epoch == self.session.state.epoch:
+                return state, layers
+
+    def live_document(self, state: LiveState | None = None) -> LiveDocument:
+        """Return the session at this moment, or as ``state`` has it."""
+        state = state or self.session.state
         area = None
         if state.area_lon_lat is not None and state.map_frame.crs_wkt is not None:
             area = [(float(x), float(y)) for x, y in state.area_lon_lat]

@@ -370,3 +370,25 @@ def test_a_flight_that_has_ended_is_a_mission_like_any_other(mission, tmp_path):
         [find] = client.get("/missions/1/finds.geojson").json()["features"]
         assert find["properties"]["kind"] == "victim"
         assert session.listeners == []
+
+
+def test_a_document_is_of_one_moment_though_the_map_snaps_in_the_middle(tmp_path, monkeypatch):
+    """A page that began with half of each would draw degrees on a map of pixels."""
+    session = FakeSession(tmp_path / "flight", georeferenced=False)
+    with client_of(session) as client:
+        session.step(20)
+        states = []
+        plain = FakeSession.state.fget
+
+        def snapping(self):
+            states.append(plain(self))
+            if len(states) == 2:
+                self.snap()
+            return states[-1]
+
+        monkeypatch.setattr(FakeSession, "state", property(snapping))
+        document = client.get("/missions/1").json()
+    assert document["georeferenced"] == document["live"]["georeferenced"]
+    assert document["epoch"] == document["live"]["epoch"]
+    assert (document["layers"][0]["scheme"]["kind"] == "webmercator") == document["georeferenced"]
+    assert document["layers"][0]["tiles"].split("epoch=")[1].split("-")[0] == document["epoch"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import cv2
@@ -12,30 +13,38 @@ from photomap_gis.ingest.video_pixels import bgr_of, grey_of
 
 
 class DecodedPicture:
-    """A decoded frame of a video; each conversion is done once. A frame that cannot be converted is black."""
+    """A decoded frame of a video; each conversion is done once. A frame that cannot be converted is black.
+
+    Safe among threads: the codec library's scaler belongs to the frame, and two conversions of one frame at a time kill
+    the process.
+    """
 
     def __init__(self, frame: Any) -> None:
         self._frame = frame
+        self._lock = threading.Lock()
         self._bgr: ImageArray | None = None
         self._grey: ImageArray | None = None
 
     @property
     def bgr(self) -> ImageArray:
         """``(H, W, 3)`` uint8, read-only."""
-        if self._bgr is None:
-            image = bgr_of(self._frame)
-            self._bgr = _kept(
-                np.zeros((self._frame.height, self._frame.width, 3), np.uint8) if image is None else image
-            )
-        return self._bgr
+        with self._lock:
+            if self._bgr is None:
+                image = bgr_of(self._frame)
+                self._bgr = _kept(
+                    np.zeros((self._frame.height, self._frame.width, 3), np.uint8) if image is None else image
+                )
+            return self._bgr
 
     @property
     def grey(self) -> ImageArray:
         """``(H, W)`` uint8, read-only."""
-        if self._grey is None:
-            image = grey_of(self._frame)
-            self._grey = _kept(np.zeros((self._frame.height, self._frame.width), np.uint8) if image is None else image)
-        return self._grey
+        with self._lock:
+            if self._grey is None:
+                image = grey_of(self._frame)
+                size = (self._frame.height, self._frame.width)
+                self._grey = _kept(np.zeros(size, np.uint8) if image is None else image)
+            return self._grey
 
 
 class ArrayPicture:

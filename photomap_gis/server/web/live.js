@@ -84,7 +84,7 @@ export class Live {
   }
 
   begun(d) {
-    if (d.epoch !== this.state.epoch) return location.reload();
+    if (d.epoch !== this.page.mission.epoch || d.georeferenced !== this.page.georeferenced) return location.reload();
     const behind = this.lost || d.missed || d.version !== this.state.version;
     this.lost = false;
     this.state = d;
