@@ -5,6 +5,7 @@ It never draws, solves or waits, and knows no clock but the stream's: a replay r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -59,6 +60,7 @@ class FlightLoop:
         self.tracker = Tracker(options, load)
         self.tally = Tally()
         self.times_s: list[float] = []
+        self.arrivals_s: list[float] = []
         self._log = log
         self._epoch = 0
         self._max_off_nadir_rad = options.settings.max_off_nadir_rad
@@ -82,9 +84,9 @@ class FlightLoop:
         commands: list[Command] = []
         if step.promoted is not None:
             held = self._held
-            commands += self._keyed(step.promoted, frame.picture if held is None else held[1])
+            commands += self._keyed(step.promoted, frame.picture if held is None else held[1], frame.arrival_s)
         if step.key is not None:
-            commands += self._keyed(step.key, frame.picture)
+            commands += self._keyed(step.key, frame.picture, frame.arrival_s)
         if step.joined is not None:
             commands.append(Told(step.joined.tie))
             commands.append(Move(self.chart.snapshot(), self.chart.revision, step.joined.moved))
@@ -127,6 +129,7 @@ class FlightLoop:
         for ref, segment in keys:
             self.chart.add(ref, Belief(Similarity2D(), wide_covariance(ref)), segment)
             self.times_s.append(ref.pts_s or 0.0)
+            self.arrivals_s.append(-math.inf)  # before this session: no telemetry knows it
         self.tracker.adopt(solution)
         if not keys:
             return []
@@ -160,8 +163,9 @@ class FlightLoop:
         if self._log is not None:
             self._log.write("gap", kind=gap.kind.value, s=since_s, duration_s=gap.duration_s, words=gap.message)
 
-    def _keyed(self, key: NewKey, picture: Picture) -> list[Command]:
+    def _keyed(self, key: NewKey, picture: Picture, arrival_s: float) -> list[Command]:
         self.times_s.append(key.stream_time_s)
+        self.arrivals_s.append(arrival_s)
         placement = self.chart.placement(key.ref.index)
         commands: list[Command] = []
         if self._epoch == 0:
