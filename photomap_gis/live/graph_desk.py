@@ -24,7 +24,7 @@ from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph import GraphWork, KeyNews
-from photomap_gis.live.tracker import Tie
+from photomap_gis.live.steps import Tie
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.store import Mission
 

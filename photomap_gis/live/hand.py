@@ -29,7 +29,7 @@ from photomap_gis.live.graph_desk import GraphDesk
 from photomap_gis.live.journal import LineLog
 from photomap_gis.live.lattice import LiveLattice
 from photomap_gis.live.painter import Painter, Redrawn
-from photomap_gis.live.tracker import NewKey, Tie
+from photomap_gis.live.steps import NewKey, Tie
 from photomap_gis.store import Mission, MissionPaths
 
 logger = logging.getLogger(__name__)
