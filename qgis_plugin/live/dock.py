@@ -22,8 +22,9 @@ from .words import accuracy_words, drone_words, health_html
 
 DRAW_MS, LOOK_MS, CURSOR_MS = 500, 3000, 400
 """How often the drone is drawn, track and coverage are asked for, the accuracy under the cursor is."""
-MOST_SKIPPED = 4
-"""How often the drone waits for a window that is drawing."""
+ZOOM_AFTER_MS = 250
+MOST_SKIPPED = 16
+"""How often the drone waits for a window that is drawing: 8 s."""
 
 
 class LiveDock(QDockWidget):
@@ -182,8 +183,13 @@ class LiveDock(QDockWidget):
         bounds = mission.get("bounds")
         if shown and bounds and not self._zoomed:
             self._zoomed = True
-            self.screen.zoom_to(bounds)
+            # The first layer of an empty project sets its CRS and view, which for XYZ is the world: after that.
+            QTimer.singleShot(ZOOM_AFTER_MS, lambda: self._zoom_to(bounds))
         self._say()
+
+    def _zoom_to(self, bounds) -> None:
+        if self._feed is not None:
+            self.screen.zoom_to(bounds)
 
     def _read_mission(self) -> None:
         self._ask("mission", lambda c: c.get("missions/1"), self._show)
@@ -252,21 +258,27 @@ class LiveDock(QDockWidget):
         self._say()
         if pose is None or not self._on_earth() or pose.get("frame") == self._drawn_frame:
             return
-        if self._canvas.isDrawing() and self._skipped < MOST_SKIPPED:
-            self._skipped += 1
+        if self._window_is_busy():
             return
-        self._skipped = 0
         self._drawn_frame = pose.get("frame")
         self.screen.overlay.show(pose_features(pose))
         at = pose.get("drone") or pose.get("centre")
         if at and self.panel.follow.isChecked():
             self.screen.follow(at)
 
+    def _window_is_busy(self) -> bool:
+        """Whether to wait: whatever changes while a picture is drawn makes QGIS begin it anew, a slow one for ever."""
+        if self._canvas.isDrawing() and self._skipped < MOST_SKIPPED:
+            self._skipped += 1
+            return True
+        self._skipped = 0
+        return False
+
     def _look(self) -> None:
         """Ask for what comes in no event: track, coverage, finds, and new ranges of colours."""
         if self._feed is None or self._lost or not self._on_earth():
             return
-        if self._ground_is_new:
+        if self._ground_is_new and not self._canvas.isDrawing():
             self._ground_is_new = False
             overlay = self.screen.overlay
             self._ask("track", lambda c: c.get("missions/1/track.geojson"),

@@ -49,10 +49,14 @@ def _next_edition() -> int:
     return _last_edition
 
 
-def xyz_source(template: str, least_zoom: int, most_zoom: int) -> str:
-    """Return the source of an XYZ layer of the provider ``wms``; the address is encoded as QGIS does it."""
+def xyz_source(template: str, most_zoom: int) -> str:
+    """Return the source of an XYZ layer of the provider ``wms``; the address is encoded as QGIS does it.
+
+    The least zoom is 0 whatever the server has: seen from afar QGIS would ask for the whole world at a larger one, which
+    may be sixteen thousand tiles.
+    """
     address = quote(template, safe=":/{}")
-    return f"type=xyz&url={address}&zmin={least_zoom}&zmax={min(most_zoom, MOST_ZOOM)}"
+    return f"type=xyz&url={address}&zmin=0&zmax={min(most_zoom, MOST_ZOOM)}"
 
 
 class LiveRaster(QObject):

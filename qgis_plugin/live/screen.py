@@ -137,7 +137,7 @@ def _source_of(layer: dict, address: LiveAddress) -> Callable[[int], str]:
     scheme, tiles = layer["scheme"], layer["tiles"]
 
     def source(edition: int) -> str:
-        return xyz_source(address.url(tiles, v=edition), scheme["min_zoom"], scheme["max_zoom"])
+        return xyz_source(address.url(tiles, v=edition), scheme["max_zoom"])
 
     return source
 

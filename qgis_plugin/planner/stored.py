@@ -23,14 +23,17 @@ def stored_features(path: Path) -> dict[str, list[dict]]:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise UnreadableMissionError(f"{path} is too large for a mission")
-        plan = json.loads(path.read_text(encoding="utf-8"))
-        mission, fence = plan["mission"], plan.get("geoFence", {})
-        items = [i for i in mission["items"] if i.get("type") == "SimpleItem"]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return _features(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise UnreadableMissionError(f"{path} cannot be read as a mission: {error}") from error
+
+
+def _features(plan: dict) -> dict[str, list[dict]]:
+    mission, fence = plan["mission"], plan.get("geoFence", {})
+    items = [i for i in mission["items"] if i.get("type") == "SimpleItem"]
     places: list[tuple[int, int, float, float, float | None]] = []
     for number, item in enumerate(items, 1):
-        lat, lon, alt = (_number(p) for p in [*item.get("params", []), None, None, None][4:7])
+        lat, lon, alt = (_number(p) for p in [*item.get("params", []), *[None] * 7][4:7])
         if item.get("command") not in PLACE_COMMANDS or lat is None or lon is None:
             continue
         if (lat, lon) == (0.0, 0.0) or abs(lat) > 90 or abs(lon) > 360:
