@@ -77,7 +77,7 @@ class FindStore:
         with self._lock:
             features = self._read()
             if len(features) >= _MAX_FINDS:
-                raise DataError(f"{self.path} holds {len(features)} finds, as many as there can be: remove some")
+                raise DataError(f"{self.path.name} holds {len(features)} finds, as many as there can be: remove some")
             known = [f for f in map(_find_of, features) if f is not None]
             name = name or _next_name(kind, {f.name for f in known})
             id = f"f-{secrets.token_hex(5)}"
@@ -141,13 +141,13 @@ class FindStore:
             return []
         try:
             if self.path.stat().st_size > _MAX_BYTES:
-                raise DataError(f"{self.path} is larger than a list of finds can be ({_MAX_BYTES >> 20} MB)")
+                raise DataError(f"{self.path.name} is larger than a list of finds can be ({_MAX_BYTES >> 20} MB)")
             document = json.loads(self.path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise DataError(f"{self.path} is damaged: repair it or move it away, then mark again") from error
+            raise DataError(f"{self.path.name} is damaged: repair it or move it away, then mark again") from error
         found = document.get("features") if isinstance(document, dict) else None
         if not isinstance(found, list):
-            raise DataError(f"{self.path} is no list of finds (GeoJSON): move it away, then mark again")
+            raise DataError(f"{self.path.name} is no list of finds (GeoJSON): move it away, then mark again")
         return [f for f in found if isinstance(f, dict) and f.get("type") == "Feature"]
 
     def _write(self, features: Iterable[dict[str, Any]]) -> None:

@@ -62,6 +62,10 @@ class JobCancelled(Exception):
     """A job was stopped because it was asked to."""
 
 
+class _NothingLeft(Exception):
+    """All of a job's events were told before."""
+
+
 @dataclass(frozen=True)
 class Address:
     """Where an engine listens, and its token."""
@@ -144,6 +148,8 @@ class Client:
                     if event.name == "end":
                         return
                 why = "the stream ended early"
+            except _NothingLeft:
+                return
             except (OSError, http.client.HTTPException) as error:
                 why = str(error)
             tries += 1
@@ -241,6 +247,8 @@ class Client:
         try:
             connection.request("GET", path, headers={**self._headers(), "Last-Event-ID": str(after)})
             answer = connection.getresponse()
+            if answer.status == 204:
+                raise _NothingLeft
             if answer.status != 200:
                 _document(answer.status, answer.read(_LONGEST_ANSWER))
                 return

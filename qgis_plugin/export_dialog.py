@@ -40,8 +40,8 @@ from .mission_box import MissionBox
 from .styles import style_map
 from .translation import tr
 
-SHOWN = (".tif", ".mbtiles")
-"""Outputs that are added to the project where the user wants that."""
+SHOWN = frozenset({".tif"})
+"""Outputs that are added to the project where the user wants that: the map once, not in every format of it."""
 WGS84 = "EPSG:4326"
 
 
@@ -82,7 +82,7 @@ class ExportDialog(QDialog):
         self.cutline.setCurrentIndex(0)
         self.over = raster_box(self, tr("none"))
         self.attribution = QLineEdit(self)
-        self.add = QCheckBox(tr("&Add to the project what QGIS can show"), self)
+        self.add = QCheckBox(tr("&Add the GeoTIFF to the project"), self)
         self.add.setChecked(True)
         self.words = QLabel(self)
         self.words.setWordWrap(True)

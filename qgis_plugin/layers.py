@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from qgis.core import (
+    QgsCoordinateReferenceSystem,
     QgsCoordinateTransform,
+    QgsCsException,
     QgsDataProvider,
     QgsLayerTreeGroup,
     QgsLayerTreeLayer,
@@ -97,6 +99,7 @@ def refresh_mission(
             layer.setName(map_title(found, len(mission.maps)))
         if Path(_path(layer)).is_file():
             reopen(layer)
+            _without_place(layer, mission.georeferenced)
         yield group
     for found in mission.maps:
         if ("map", str(found.path)) not in present:
@@ -143,6 +146,7 @@ def open_map(found: MapFile, name: str) -> QgsRasterLayer:
     layer = QgsRasterLayer(str(found.path), name, "gdal")
     if not layer.isValid():
         raise MissionError(f"{found.path} cannot be shown: {layer.error().summary() or 'make the map again'}")
+    _without_place(layer, found.georeferenced)
     style_map(layer)
     return layer
 
@@ -161,7 +165,10 @@ def zoom_to(layer: QgsMapLayer, canvas) -> None:
         change = QgsCoordinateTransform(
             layer.crs(), settings.destinationCrs(), QgsProject.instance().transformContext()
         )
-        extent = change.transformBoundingBox(extent)
+        try:
+            extent = change.transformBoundingBox(extent)
+        except QgsCsException:  # the window's CRS does not reach there: the view stays where it is
+            return
     extent = QgsRectangle(extent)
     extent.scale(1.1)
     canvas.setExtent(extent)
@@ -202,10 +209,17 @@ def _known(mission: MissionFiles, shown: frozenset[str] = frozenset()) -> Iterat
 def _add(layer, role: str, mission: MissionFiles, project: QgsProject, group: QgsLayerTreeGroup, *, index: int = -1):
     layer.setCustomProperty(FOLDER, str(mission.folder))
     layer.setCustomProperty(ROLE, role)
+    _without_place(layer, mission.georeferenced)
     project.addMapLayer(layer, False)
     node: QgsLayerTreeLayer = group.addLayer(layer) if index < 0 else group.insertLayer(index, layer)
     node.setItemVisibilityChecked(role in SHOWN)
     node.setExpanded(False)
+
+
+def _without_place(layer: QgsMapLayer, georeferenced: bool) -> None:
+    """Take the engineering CRS off a layer that has no place on Earth: QGIS would try to bring it to another one."""
+    if not georeferenced:
+        layer.setCrs(QgsCoordinateReferenceSystem())
 
 
 def _path(layer: QgsMapLayer) -> str:

@@ -15,6 +15,8 @@ from photomap_gis.core.errors import PhotomapError
 
 COMMANDS = {
     "map": "Make a georeferenced photo map from photos or a video.",
+    "live": "Grow the map while the drone flies: on a page, in QGIS, exportable at any moment.",
+    "replay": "Fly a recorded live session again and compare: the same poses, the same pixels.",
     "solve": "Solve a mission again, with ground control or without.",
     "georeference": "Give a map its place by picked points, or nudge it.",
     "export": "Write a mission's map as GeoTIFF, KMZ, tiles, GeoPackage, ATAK, PDF ...",
@@ -31,6 +33,7 @@ COMMANDS = {
     "download": "Download an autopilot's mission, fence and rally points.",
     "clear": "Clear an autopilot's mission, fence and rally points.",
     "vehicle": "Say who is on a link: mode, position, battery, mission progress.",
+    "cot": "Push finds (or a try) to ATAK devices as Cursor on Target.",
     "engine": "Run jobs and show missions for the QGIS plugin and scripts.",
     "info": "Say what is in a source before anyone waits for a map.",
     "simulate": "Simulate a flight with known truth over any picture.",

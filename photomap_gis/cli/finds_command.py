@@ -15,7 +15,7 @@ _SUFFIXES = (".geojson", ".kml", ".gpx", ".cot")
 @click.command(name="finds", short_help="List a mission's finds, or write them as GeoJSON, KML, GPX, CoT.")
 @click.argument("mission", type=click.Path(path_type=Path), default=Path(), required=False)
 @click.option("-o", "--output", "outputs", type=click.Path(path_type=Path), multiple=True, metavar="FILE",
-              help="Write them; the suffix says how: .geojson, .kml, .gpx, .cot. May be given several times.")  # fmt: skip
+              help="Write them: .geojson, .kml, .gpx, .cot. May be given several times.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document (GeoJSON) on stdout.")
 def command(mission: Path, outputs: tuple[Path, ...], as_json: bool) -> None:
     """List the finds that were marked on MISSION's map (default: the current folder), or write them.

@@ -173,7 +173,8 @@ class Job:
             else:
                 state = JobState.CANCELLED if asked else JobState.FAILED
                 error = error_of(code, list(self._log), result)
-            if state is JobState.CANCELLED and error is not None and error.error == "crashed":
+            if state is JobState.CANCELLED and error is not None and error.error in ("crashed", "fault"):
+                # Killed; or interrupted in the middle of an import, where some libraries make another error of it.
                 error = JobErrorDocument(error="stopped", message="stopped before it was done", exit_code=code)
             self._state, self._result, self._error, self._ended_utc = state, result, error, _utc_now()
         _close(self._process)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 _WORK_GRACE_S = 10.0
 _LINK_GRACE_S = 90.0
 """A vehicle in mid upload is first brought to a known state, over a link that may be slow."""
+_FLIGHT_GRACE_S = 1800.0
+"""A live flight that is asked to stop lands: its final map is solved and drawn, and that is its result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,5 +40,8 @@ KINDS: dict[str, Kind] = {
         Kind("vehicle"),
         Kind("simulate"),
         Kind("info"),
+        Kind("finds"),
+        Kind("live", _FLIGHT_GRACE_S),
+        Kind("replay"),
     )
 }

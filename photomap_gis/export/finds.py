@@ -66,7 +66,7 @@ def read_finds(path: Path, *, may_be_none: bool = False) -> tuple[Find, ...]:
 
 
 def _finds_of(path: Path, layer: str, known: int) -> list[Find]:
-    meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer, max_features=_MAX_FINDS)
+    meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer, max_features=_MAX_FINDS, datetime_as_string=True)
     fields = {str(name).lower(): values for name, values in zip(meta["fields"], columns, strict=True)}
     geometries = shapely.force_2d(shapely.from_wkb(wkb))
     rows = np.flatnonzero((shapely.get_type_id(geometries) == _POINT) & ~shapely.is_empty(geometries)).tolist()

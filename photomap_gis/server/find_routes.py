@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
@@ -13,7 +15,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from photomap_gis.core.errors import UsageError
+from photomap_gis.core.errors import PhotomapError, UsageError
 from photomap_gis.core.find import MarkedFind
 from photomap_gis.export.find_files import FindFormat
 from photomap_gis.server.find_desk import FindChange, FindDesk, FindRequest, finds_document, finds_file
@@ -66,10 +68,9 @@ class FindApi:
         """A new find (``FindRequest``)."""
         mission = self._mission(request)
         wanted = await _body(request, FindRequest)
-        try:
-            find = await run_in_threadpool(self._desk(mission).mark, wanted, now=datetime.now(UTC))
-        except UsageError as error:
-            raise HTTPException(400, str(error)) from error
+        desk = self._desk(mission)
+        with _told(desk):
+            find = await run_in_threadpool(desk.mark, wanted, now=datetime.now(UTC))
         self._host.tell_finds(mission, find.id)
         return _find(find, 201)
 
@@ -77,21 +78,19 @@ class FindApi:
         """Other words for a find (``FindChange``)."""
         mission, id = self._mission(request), request.path_params["find"]
         wanted = await _body(request, FindChange)
-        store = self._desk(mission).store
-        try:
-            find = await run_in_threadpool(store.change, id, kind=wanted.kind, name=wanted.name, note=wanted.note)
-        except KeyError:
-            raise HTTPException(404, "no such find") from None
+        desk = self._desk(mission)
+        with _told(desk):
+            change = desk.store.change
+            find = await run_in_threadpool(change, id, kind=wanted.kind, name=wanted.name, note=wanted.note)
         self._host.tell_finds(mission, id)
         return _find(find)
 
     async def remove(self, request: Request) -> Response:
         """A find less."""
         mission, id = self._mission(request), request.path_params["find"]
-        try:
-            await run_in_threadpool(self._desk(mission).store.remove, id)
-        except KeyError:
-            raise HTTPException(404, "no such find") from None
+        desk = self._desk(mission)
+        with _told(desk):
+            await run_in_threadpool(desk.store.remove, id)
         self._host.tell_finds(mission, id)
         return Response(status_code=204)
 
@@ -118,6 +117,20 @@ class FindApi:
 
     def _desk(self, mission: ServedMission | LiveMission) -> FindDesk:
         return self._host.desk_of(mission)
+
+
+@contextlib.contextmanager
+def _told(desk: FindDesk) -> Iterator[None]:
+    """Turn what goes wrong into answers; where the mission lies is nobody's business."""
+    try:
+        yield
+    except KeyError:
+        raise HTTPException(404, "no such find") from None
+    except UsageError as error:
+        raise HTTPException(400, str(error)) from error
+    except PhotomapError as error:
+        words = str(error).replace(f"{desk.store.folder}/", "").replace(str(desk.store.folder), "the mission folder")
+        raise HTTPException(500, words) from error
 
 
 async def _body(request: Request, kind: type[Body]) -> Body:

@@ -93,7 +93,7 @@ class Host:
         """Return each mission's name and epoch now; a flight that has ended becomes a mission like any other."""
         found = []
         for mission in self.all():
-            with contextlib.suppress(PhotomapError):
+            with contextlib.suppress(PhotomapError, OSError, ValueError, LookupError):  # half written: the next look
                 if isinstance(mission, LiveMission):
                     if mission.ended:
                         self._land(mission)

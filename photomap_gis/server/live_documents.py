@@ -61,6 +61,7 @@ class SolutionDocument(Document):
     revision: int
     frame: int
     shift_px: float | None
+    shift_m: float | None = None
     georeferenced: bool
 
 

@@ -24,7 +24,7 @@ from photomap_gis.server.live_view import LivePicture
 
 POSE_EVERY_S = 1.0 / 15.0
 _TILES_EVERY_S = 0.2
-_KEEP_ALIVE_S = 10.0
+_KEEP_ALIVE_S = 3.0
 _WAITING = 128
 _REMEMBERED = 512
 _MOST_AREAS = 48
@@ -124,7 +124,8 @@ class LiveHub:
                 try:
                     await asyncio.wait_for(listener.wake.wait(), _KEEP_ALIVE_S)
                 except TimeoutError:
-                    yield b": still here\n\n"  # proxies cut connections that say nothing
+                    # Proxies cut connections that say nothing, and a page cannot tell silence from a lost server.
+                    yield b"event: alive\ndata: {}\n\n"
                     continue
                 listener.wake.clear()
                 while listener.others:

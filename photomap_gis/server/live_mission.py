@@ -13,6 +13,7 @@ import numpy as np
 from photomap_gis.core.accuracy import CE90_PER_RMSE_R
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.export.warp import ground_pixel_m
 from photomap_gis.server.live_documents import (
     EllipseDocument,
     EndDocument,
@@ -38,6 +39,7 @@ from photomap_gis.server.live_view import (
     LiveSession,
     LiveSnapped,
     LiveSolution,
+    LiveState,
     LiveTiles,
     RasterKind,
 )
@@ -63,6 +65,7 @@ class LiveMission:
         self._layers: tuple[LiveLayer, ...] = ()
         self._placer: Placer | None = None
         self._version = 0
+        self._told_epoch = session.state.epoch
         self._unsubscribe = session.subscribe(self._happened)
 
     @property
@@ -95,7 +98,8 @@ class LiveMission:
 
     def mission_document(self) -> MissionDocument:
         """Return what a page needs to begin."""
-        state, layers, root = self.session.state, self.layers, f"missions/{self.id}"
+        state, layers = self._together()
+        root = f"missions/{self.id}"
         georeferenced = state.map_frame.crs_wkt is not None
         self.look_at_ranges()
         links = {name: f"{root}/{name}.geojson" for name in ("track", "finds")}
@@ -129,12 +133,19 @@ class LiveMission:
             accuracy_words=[note] if note else [],
             warnings=list(state.warnings),
             links=links,
-            live=self.live_document(),
+            live=self.live_document(state),
         )
 
-    def live_document(self) -> LiveDocument:
-        """Return the session at this moment."""
-        state = self.session.state
+    def _together(self) -> tuple[LiveState, tuple[LiveLayer, ...]]:
+        """Return a state and the layers of its epoch: the map may snap between two looks."""
+        while True:
+            state, layers = self.session.state, self.layers
+            if state.epoch == self.session.state.epoch:
+                return state, layers
+
+    def live_document(self, state: LiveState | None = None) -> LiveDocument:
+        """Return the session at this moment, or as ``state`` has it."""
+        state = state or self.session.state
         area = None
         if state.area_lon_lat is not None and state.map_frame.crs_wkt is not None:
             area = [(float(x), float(y)) for x, y in state.area_lon_lat]
@@ -146,7 +157,7 @@ class LiveMission:
             version=self._version,
             elapsed_s=round(state.elapsed_s, 3),
             started_utc=_utc(state.started_utc_s),
-            pose=None if state.pose is None else self.pose_document(state.pose),
+            pose=None if state.pose is None or not _same_kind(state.pose, state) else self.pose_document(state.pose),
             health=None if state.health is None else _health_document(state.health),
             end=None if state.end is None else _end_document(state.end),
             area=area,
@@ -221,19 +232,28 @@ class LiveMission:
             self._version = max(self._version, event.version)
         if isinstance(event, LiveSolution | LiveSnapped):
             threading.Thread(target=self._on_moved, args=(self,), daemon=True).start()
+        epoch = event.epoch if isinstance(event, LiveSnapped) else self.session.state.epoch
+        if epoch != self._told_epoch:
+            self._told_epoch = epoch
+            if not isinstance(event, LiveSnapped):  # as when the first picture gives the map its lattice
+                self.hub.post(lambda: self._document(LiveSnapped(epoch)))
         self.hub.post(lambda: self._document(event))
 
     def _document(self, event: LiveEvent) -> LiveEventDocument | None:
         state = self.session.state
         georeferenced = state.map_frame.crs_wkt is not None
         if isinstance(event, LivePose):
-            return self.pose_document(event) if self.hub.listeners else None
+            return self.pose_document(event) if _same_kind(event, state) and self.hub.listeners else None
         if isinstance(event, LiveTiles):
             return TilesDocument(version=event.version, areas=self.layers[0].window_bounds(event.windows))
         if isinstance(event, LiveSolution):
+            moved_m = None
+            if event.shift_px is not None and (lattice := self.layers[0].raster.lattice).crs_wkt is not None:
+                moved_m = round(event.shift_px * ground_pixel_m(lattice), 3)
             return SolutionDocument(
-                revision=event.revision, frame=event.frame, shift_px=event.shift_px, georeferenced=georeferenced
-            )
+                revision=event.revision, frame=event.frame, shift_px=event.shift_px, shift_m=moved_m,
+                georeferenced=georeferenced,
+            )  # fmt: skip
         if isinstance(event, LiveHealth):
             return _health_document(event)
         if isinstance(event, LiveSegment):
@@ -241,6 +261,11 @@ class LiveMission:
         if isinstance(event, LiveSnapped):
             return SnappedDocument(epoch=event.epoch, georeferenced=georeferenced, words=event.words)
         return _end_document(event)
+
+
+def _same_kind(pose: LivePose, state: LiveState) -> bool:
+    # In the moment of snapping poses may be of the new frame while the map is still drawn in the old one.
+    return (pose.map_frame.crs_wkt is None) == (state.map_frame.crs_wkt is None)
 
 
 def ellipse(covariance: FloatArray | None) -> EllipseDocument | None:

@@ -15,6 +15,7 @@ _OURS = {
     "overlays.js": "text/javascript",
     "coordinates.js": "text/javascript",
     "finds.js": "text/javascript",
+    "layers.js": "text/javascript",
     "live.js": "text/javascript",
     "liveoverlays.js": "text/javascript",
     "livetiles.js": "text/javascript",

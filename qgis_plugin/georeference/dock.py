@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qgis.core import QgsCoordinateTransform, QgsPointXY, QgsProject
+from qgis.core import QgsCoordinateTransform, QgsCsException, QgsPointXY, QgsProject
 from qgis.PyQt.QtWidgets import (
     QDockWidget,
     QDoubleSpinBox,
@@ -118,7 +118,10 @@ class GeoreferenceDock(QDockWidget):
         if on:
             project = QgsProject.instance()
             change = QgsCoordinateTransform(layers[0].crs(), self._canvas.mapSettings().destinationCrs(), project)
-            outline = change.transformBoundingBox(layers[0].extent())
+            try:
+                outline = change.transformBoundingBox(layers[0].extent())
+            except QgsCsException:
+                outline = self._canvas.extent()
             tool = NudgeTool(self._canvas, outline, self._dragged, self._tool_ended)
         self._take_tool(tool)
         self.drag_button.setChecked(on)

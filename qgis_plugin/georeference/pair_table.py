@@ -16,7 +16,7 @@ from .pairs import Pair
 
 COLOURS = {False: "#d81b60", True: "#1e88e5"}
 """Of control points and of check points, in table and canvas."""
-ROLE, ON_MAP, ON_EARTH, MISS, EAST, NORTH, SIGMA = range(7)
+ROLE = 0
 
 
 class PairTable(QTableWidget):
@@ -29,7 +29,7 @@ class PairTable(QTableWidget):
         self.pairs: list[Pair] = []
         self.setAccessibleName(tr("Pairs of places"))
         self.setHorizontalHeaderLabels(
-            [tr("Role"), tr("On the map"), tr("On Earth"), tr("Miss (m)"), tr("East"), tr("North"), tr("Sigma")]
+            [tr("Role"), tr("Miss (m)"), tr("East"), tr("North"), tr("Sigma"), tr("On the map"), tr("On Earth")]
         )
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
@@ -44,13 +44,13 @@ class PairTable(QTableWidget):
             miss = pair.miss
             role = tr("check") if pair.check else tr("control")
             aside = miss is not None and not miss.used and not pair.check
+            numbers = () if miss is None else (miss.metres, miss.east_m, miss.north_m, miss.sigma_m)
             words = [
                 tr("put aside") if aside else role,
+                *([f"{v:.2f}" for v in numbers] or [""] * 4),
                 tr("click…") if pair.map_xy is None else "{:.2f}, {:.2f}".format(*pair.map_xy),
                 tr("click…") if pair.lonlat is None else f"{pair.lonlat[1]:.6f}, {pair.lonlat[0]:.6f}",
-                *(["", "", "", ""] if miss is None else
-                  [f"{v:.2f}" for v in (miss.metres, miss.east_m, miss.north_m, miss.sigma_m)]),
-            ]  # fmt: skip
+            ]
             for column, word in enumerate(words):
                 item = QTableWidgetItem(word)
                 if column == ROLE:

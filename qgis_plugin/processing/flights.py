@@ -44,7 +44,7 @@ class PlanAlgorithm(EngineAlgorithm):
             text("CAMERA", "camera", tr("Camera, as FC6310 or Mavic 3E")),
             number("GSD", "gsd", tr("Ground sampling distance, metres a pixel"), low=0.0001, high=1),
             number("HEIGHT", "height", tr("Height above ground, metres, instead"), low=1, high=10_000),
-            text("TARGET", "target", tr("What must be seen, instead: person, card, vehicle, or metres as 0.4x0.3")),
+            text("TARGET", "target", tr("What must be seen, instead (person, card, 0.4x0.3)")),
             number("FRONT", "front_overlap", tr("Front overlap, percent"), low=0, high=97, default=80),
             number("SIDE", "side_overlap", tr("Side overlap, percent"), low=0, high=97, default=65),
             number("ANGLE", "angle", tr("Heading of the lanes, degrees (default: the fastest)"), low=-360, high=360),

@@ -97,7 +97,9 @@ class MapAlgorithm(EngineAlgorithm):
 
     def add_outputs(self) -> None:
         """Add the mission's folder, the map and its numbers."""
-        self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", tr("Mission folder")))
+        self.addParameter(
+            QgsProcessingParameterFolderDestination("OUTPUT", tr("Mission folder (a temporary one goes with QGIS)"))
+        )
         self.addParameter(load_switch())
         self.addOutput(QgsProcessingOutputRasterLayer("MAP", tr("Photo map")))
         self.addOutput(QgsProcessingOutputNumber("GSD_M", tr("Pixel in metres")))
@@ -179,6 +181,11 @@ class ExportAlgorithm(EngineAlgorithm):
             if self._load:
                 load_when_done(path, Path(path).stem, key, context)
         return found
+
+    def shortHelpString(self) -> str:
+        """Return the help with a line a format."""
+        lines = "".join(f"<br><b>{f.flag}</b>: {f.words}" for f in formats())
+        return super().shortHelpString() + f"<p>{tr('Formats:')}{lines}</p>"
 
     def _format_words(self) -> str:
         return tr("Format")

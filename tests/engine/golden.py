@@ -30,6 +30,8 @@ def read(name: str) -> Any:
 def named(document: Any, folder: Path) -> Any:
     """Return a document with times, tokens, speeds, the version and the run's folder named instead of told."""
     if isinstance(document, dict):
+        if "kinds" in document:  # kinds are added as commands are
+            document = {**document, "kinds": [kind for kind in document["kinds"] if kind in ("map", "export", "plan")]}
         return {
             key: _VOLATILE[key] if key in _VOLATILE and value is not None else named(value, folder)
             for key, value in document.items()

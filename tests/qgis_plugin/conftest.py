@@ -148,7 +148,7 @@ def _run(path: Path, names: list[str], folder: Path) -> dict:
     ]  # fmt: skip
     try:
         ran = subprocess.run(
-            command, cwd=INSIDE, env=_environment(folder), capture_output=True, timeout=TIMEOUT_S, check=False
+            command, cwd=folder, env=_environment(folder), capture_output=True, timeout=TIMEOUT_S, check=False
         )
         code, output = ran.returncode, (ran.stdout + ran.stderr).decode("utf-8", "replace")[-20_000:]
     except subprocess.TimeoutExpired as error:

@@ -223,6 +223,7 @@ def test_with_a_real_engine_it_runs_stops_and_is_told(tmp_path):
             on_event=lambda event: heard.append(event.name),
         )
         assert result["frames"] == 3
+        assert list(client.events("1", after=10**6)) == []  # all was told: no waiting, no error
         assert heard[0] == "state" and heard[-1] == "end" and "progress" in heard
         with pytest.raises(JobFailed, match="check the name"):
             client.run_job("info", {"sources": [str(tmp_path / "nothing")]})

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -48,6 +49,12 @@ FPS = 30.0
 KEY_EVERY = 8
 WIDTH, HEIGHT = 640, 360
 STARTED_UTC_S = 1_790_000_000.0
+
+
+@lru_cache(maxsize=2)
+def ground_of(side_m: float, gsd_m: float) -> Ground:
+    """The ground that is flown over; made once."""
+    return procedural_scene((side_m, side_m), gsd_m, 5)
 
 
 class FakeRaster:
@@ -116,7 +123,7 @@ class FakeSession:
 
     def __init__(self, folder: Path, *, georeferenced: bool = True, area: bool = True, side_m: float = 120.0) -> None:
         self.gsd = 0.08
-        self.ground: Ground = procedural_scene((side_m, side_m), self.gsd, 5)
+        self.ground = ground_of(side_m, self.gsd)
         east, north = self.ground.centre_en_m
         self.true_frame = MapFrame(self.ground.crs_wkt, round(east), round(north))
         # without a place the map's unit is a pixel of the first frame, and its axes are turned

@@ -1,11 +1,11 @@
 // A flight under way: what the server tells of it, drawn over the map and said in words.
 
-import { areaWords } from "./coordinates.js";
 import { LiveView } from "./liveview.js";
 import { droneStyle, ellipseRing, gapStyle, lineStyle } from "./liveoverlays.js";
 
 const $ = id => document.getElementById(id);
-const SILENT_S = 6;
+const SILENT_S = 8;
+const STILL_S = 4;
 const COVERAGE_EVERY_MS = 3000;
 const LEGENDS_EVERY_MS = 10000;
 const SIGMAS_90 = 2.1460;  // of a round error: within so many sigmas lie 90 %
@@ -64,10 +64,11 @@ export class Live {
     const events = this.events = new EventSource(this.page.mission.links.events);
     const on = (name, act) => events.addEventListener(name, e => { this.heard = performance.now(); act(JSON.parse(e.data)); });
     on("live", d => this.begun(d));
+    on("alive", () => {});
     on("pose", d => this.pose(d));
     on("health", d => { this.state.health = d; this.tell(); });
     on("tiles", d => { this.state.version = d.version; this.changed(d.all ? null : d.areas); });
-    on("solution", d => { this.say(solutionWords(d, this.page.georeferenced)); this.loadTrack(); });
+    on("solution", d => { this.say(solutionWords(d)); this.loadTrack(); });
     on("segment", d => { this.say(d.words); this.loadTrack(); });
     on("snapped", d => { sessionStorage.setItem("photomap-words", d.words); location.reload(); });
     on("find", () => this.page.marks.load());
@@ -83,7 +84,7 @@ export class Live {
   }
 
   begun(d) {
-    if (d.epoch !== this.state.epoch) return location.reload();
+    if (d.epoch !== this.page.mission.epoch || d.georeferenced !== this.page.georeferenced) return location.reload();
     const behind = this.lost || d.missed || d.version !== this.state.version;
     this.lost = false;
     this.state = d;
@@ -114,6 +115,7 @@ export class Live {
   }
 
   pose(d) {
+    if (d.frame !== this.state.pose?.frame || !this.posed) this.posed = performance.now();
     this.state.pose = d;
     if (this.state.phase === "starting") { this.state.phase = "flying"; this.tell(); }
     this.source.clear(true);
@@ -233,6 +235,7 @@ export class Live {
 
   tell() {
     const { health, phase, end, pose } = this.state, silent = (performance.now() - this.heard) / 1000;
+    const still = this.posed ? (performance.now() - this.posed) / 1000 : 0;
     const unit = this.page.georeferenced ? "m" : "px";
     let [level, head, words] = ["ok", "LIVE", ""];
     if (this.lost || silent > SILENT_S)
@@ -242,6 +245,7 @@ export class Live {
     else if (phase === "starting") [level, head, words] = ["wait", "STARTING", "no picture yet"];
     else if (health?.link === "lost") [level, head, words] = ["bad", "VIDEO LOST", health.words[0] ?? "no pictures come"];
     else if (health?.link === "waiting" || (pose && !pose.centre)) [level, head, words] = ["wait", "MAP WAITS", health?.words[0] ?? "the ground is not recognised"];
+    else if (still > STILL_S) [level, head, words] = ["wait", "NO NEW PICTURE", health?.words[0] ?? `for ${Math.round(still)} s`];
     else words = health?.words[0] ?? "";
     $("live-head").textContent = head;
     $("live").dataset.level = level;
@@ -262,7 +266,7 @@ export class Live {
     if (pose?.battery_percent != null) chip(`battery ${Math.round(pose.battery_percent)} %`, pose.battery_percent < 20 ? "bad" : pose.battery_percent < 35 ? "wait" : "plain");
     const { covered_m2: area, share } = this.coverage ?? {};
     if (share !== undefined) chip(`area ${Math.floor(100 * share)} % seen`, share > 0.995 ? "ok" : "plain");
-    else if (area) chip(`${areaWords(area)} seen`, "plain");
+    else if (area) chip(`${area < 1e4 ? `${Math.round(area)} m²` : `${(area / 1e4).toFixed(1)} ha`} seen`, "plain");
     $("chips").replaceChildren(...chips.map(([text, level_]) => Object.assign(document.createElement("span"), { textContent: text, className: `chip ${level_}` })));
     $("finish").hidden = !["starting", "flying"].includes(phase) && phase !== undefined;
   }
@@ -273,7 +277,7 @@ function clock(seconds) {
   return `${s >= 3600 ? `${Math.floor(s / 3600)}:` : ""}${two(Math.floor(s / 60) % 60)}:${two(s % 60)}`;
 }
 
-function solutionWords(d, georeferenced) {
-  const moved = d.shift_px === null || d.shift_px < 1 ? "" : `, moved by up to ${d.shift_px.toFixed(0)} ${georeferenced ? "map pixels" : "pixels"}`;
-  return moved ? `Map corrected${moved}` : "";
+function solutionWords(d) {
+  if (d.shift_px === null || d.shift_px < 1) return "";
+  return `Map corrected: it moved by up to ${d.shift_m === null ? `${d.shift_px.toFixed(0)} pixels` : `${d.shift_m.toFixed(1)} m`}`;
 }

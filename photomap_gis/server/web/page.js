@@ -3,6 +3,7 @@
 import { lengthM, placeWords } from "./coordinates.js";
 import { Finds } from "./finds.js";
 import { Live } from "./live.js";
+import { legendOf, swipe, timeWords, valueWords } from "./layers.js";
 import { LiveTiles } from "./livetiles.js";
 import { Measuring, findStyle, footprintStyle, geojsonLayer, trackStyle } from "./overlays.js";
 
@@ -13,14 +14,6 @@ const get = async url => {
   if (!answer.ok) throw new Error(document_.message ?? answer.statusText);
   return document_;
 };
-
-const timeWords = utc => utc?.replace("T", " ").replace(/\.000Z$|Z$/, " UTC") ?? "time unknown";
-
-/** A layer's number in its units; seconds since 1970 are a time. */
-function valueWords(value, units, digits) {
-  if (units.startsWith("s since 1970")) return timeWords(new Date(value * 1000).toISOString());
-  return `${Number(value.toPrecision(digits))} ${units}`.trim();
-}
 
 class Page {
   constructor(mission) {
@@ -141,7 +134,7 @@ class Page {
       raster.setOpacity(old?.opacity ?? 1);
       this.rasters.set(layer.id, raster);
       this.map.addLayer(raster);
-      if (layer.role === "before") this.swipe(raster);
+      if (layer.role === "before") swipe(this, raster);
       return this.row(raster);
     });
     $("layers").replaceChildren(...rows);
@@ -161,7 +154,7 @@ class Page {
     opacity.addEventListener("input", () => raster.setOpacity(Number(opacity.value)));
     raster.row = row;
     row.append(label);
-    const legend = this.legend(raster.document.legend);
+    const legend = legendOf(raster.document.legend);
     if (legend) { row.append(legend); legend.hidden = !raster.wanted; }
     row.append(opacity);
     box.addEventListener("change", () => {
@@ -173,15 +166,6 @@ class Page {
       this.showPiece();
     });
     return row;
-  }
-
-  legend(words) {
-    if (!words) return null;
-    const legend = document.createElement("div"), bar = document.createElement("i");
-    legend.className = "legend";
-    bar.style.background = `linear-gradient(to right, ${words.colours.join(",")})`;
-    legend.append(...[words.low, bar, words.high].map(v => (v === bar ? bar : valueWords(v, words.units, 3))));
-    return legend;
   }
 
   showPiece() {
@@ -196,37 +180,6 @@ class Page {
     $("pieces").hidden = piece === null || maps.length < 2;
     if (!$("piece").options.length)
       maps.forEach(l => $("piece").add(new Option(l.title, l.piece)));
-  }
-
-  /** The older picture lies on top, left of the handle only. */
-  swipe(raster) {
-    const handle = $("swipe");
-    raster.on("prerender", e => {
-      const x = this.share * this.map.getSize()[0], [, height] = this.map.getSize();
-      const corners = [[0, 0], [x, 0], [x, height], [0, height]].map(c => ol.render.getRenderPixel(e, c));
-      e.context.save();
-      e.context.beginPath();
-      corners.forEach(([px, py], i) => (i ? e.context.lineTo(px, py) : e.context.moveTo(px, py)));
-      e.context.closePath();
-      e.context.clip();
-    });
-    raster.on("postrender", e => e.context.restore());
-    if (this.share !== undefined) return;
-    const set = share => {
-      this.share = Math.max(0, Math.min(1, share));
-      handle.style.left = `${this.share * 100}%`;
-      handle.setAttribute("aria-valuenow", Math.round(this.share * 100));
-      this.map.render();
-    };
-    handle.addEventListener("pointerdown", e => handle.setPointerCapture(e.pointerId));
-    handle.addEventListener("pointermove", e => {
-      if (handle.hasPointerCapture(e.pointerId)) set(e.clientX / innerWidth);
-    });
-    handle.addEventListener("keydown", e => {
-      const step = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
-      if (step) { set(this.share + step); e.preventDefault(); }
-    });
-    set(0.5);
   }
 
   async loadOverlays() {

@@ -8,11 +8,15 @@ from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtTest import QTest
 from window import role_layers
 
+from qgis_plugin.engine import Engine
 from qgis_plugin.georeference.dock import GeoreferenceDock
 from qgis_plugin.georeference.pairs import Pair, pick_arguments, solved_pairs
 from qgis_plugin.layers import add_mission, whole
+from qgis_plugin.messages import Messages
 from qgis_plugin.mission import read_mission
 from qgis_plugin.places import PlaceError, from_lonlat, metres_between, moved_m, to_lonlat, utm_of
+from qgis_plugin.plugin import Context
+from qgis_plugin.settings import Settings
 
 UTM32 = "EPSG:32632"
 
@@ -92,7 +96,7 @@ def test_the_answer_stands_in_the_table_and_the_map_is_where_it_says(dock, windo
         ]},
         "accuracy": {"ce90_m": 1.61, "n": 1},
     })  # fmt: skip
-    words = [[dock.table.item(row, column).text() for column in (0, 3, 4, 5)] for row in range(3)]
+    words = [[dock.table.item(row, column).text() for column in (0, 1, 2, 3)] for row in range(3)]
     assert words == [["control", "0.50", "0.30", "-0.40"], ["put aside", "9.00", "9.00", "0.00"],
                      ["check", "1.50", "1.50", "0.00"]]  # fmt: skip
     assert "CE90 1.61 m, tested by 1 check point" in dock.accuracy.text()
@@ -204,3 +208,55 @@ def test_no_place_on_earth_is_said(qgis_app):
         to_lonlat(QgsPointXY(0, 0), QgsCoordinateReferenceSystem())
     with pytest.raises(PlaceError):
         to_lonlat(QgsPointXY(8.0, 123.0), QgsCoordinateReferenceSystem("EPSG:4326"))
+
+
+def test_a_map_without_a_place_gets_one_from_two_pairs_and_is_nudged(
+    window, said, photomap, program, flight, tmp_path, wait_until
+):
+    photos = tmp_path / "bare"
+    photos.mkdir()
+    for photo in (flight / "photos").iterdir():
+        (photos / photo.name).write_bytes(without_exif(photo.read_bytes()))
+    folder = tmp_path / "relative"
+    photomap("map", photos, "-o", folder, "--fov-deg", "73.74")
+    engine = Engine(settings=lambda: Settings(engine_path=program))
+    context = Context(window, engine, Messages(window), lambda key: None)
+    dock = GeoreferenceDock(context)
+    dock.choose(str(folder))
+    assert not dock.view.crs().isValid()
+    whole(add_mission(read_mission(folder), QgsProject.instance()))
+    (layer,) = (x for x in QgsProject.instance().mapLayers().values() if x.customProperty("photomap/role") == "map")
+    e, start = layer.extent(), QgsPointXY(8.6, 53.1)
+    places = [(e.xMinimum() + u * e.width(), e.yMinimum() + v * e.height()) for u, v in ((0.35, 0.4), (0.65, 0.6))]
+    apart = [0.25 * (b - a) for a, b in zip(*places)]  # noqa: B905  (a quarter of a metre a unit)
+    for place, lonlat in zip(places, (start, moved_m(start, *apart))):  # noqa: B905
+        dock.table.place(map_xy=place)
+        assert not dock.solve_button.isEnabled()
+        dock.table.place(lonlat=(lonlat.x(), lonlat.y()))
+    assert dock.solve_button.isEnabled()
+    dock.solve_button.click()
+    wait_until(lambda: not dock.jobs.busy and dock._mission is not None and dock._mission.georeferenced, "a place", 90)
+    assert [level for level, _ in said if level == "fail"] == []
+    assert dock.view.crs().authid() == UTM32
+    assert all(p.miss is not None and p.miss.used and p.miss.metres < 0.5 for p in dock.table.pairs), dock.table.pairs
+    wait_until(lambda: layer.crs().authid() == UTM32, "the layer at its place")
+    before = layer.extent()
+    near = from_lonlat(start, layer.crs())
+    assert before.contains(near)
+    dock.east_m.setValue(30.0)
+    dock.nudge_button.click()
+    wait_until(lambda: not dock.jobs.busy and layer.extent().xMinimum() > before.xMinimum() + 20.0, "the nudge", 90)
+    assert layer.extent().xMinimum() - before.xMinimum() == pytest.approx(30.0, abs=0.5)
+    dock.release()
+    engine.shutdown()
+
+
+def without_exif(jpeg: bytes) -> bytes:
+    """A JPEG without its application segments but the first: neither position nor camera is told any more."""
+    out, at = jpeg[:2], 2
+    while jpeg[at + 1] != 0xDA:
+        length = int.from_bytes(jpeg[at + 2 : at + 4], "big")
+        if not 0xE1 <= jpeg[at + 1] <= 0xEF:
+            out += jpeg[at : at + 2 + length]
+        at += 2 + length
+    return out + jpeg[at:]

@@ -3,13 +3,16 @@
 import gc
 import importlib
 import pkgutil
+import shutil
+import subprocess
 
 import pytest
-from qgis.core import QgsApplication
+from qgis.core import QgsApplication, QgsSettings
 from qgis.PyQt.QtCore import QCoreApplication, QEvent, QThread
 from qgis.PyQt.QtWidgets import QAction, QDockWidget, QMenu, QToolBar
 
 import qgis_plugin
+from qgis_plugin import translation
 from qgis_plugin.options import OptionsPage
 from qgis_plugin.plugin import DOCKS
 from qgis_plugin.settings import Settings, load_settings, save_settings
@@ -129,3 +132,33 @@ def test_the_options_page_shows_and_keeps_what_was_chosen(window, program, tmp_p
     again.test.click()
     assert "/nowhere/photomap" in again.found.text()
     save_settings(Settings())
+
+
+def test_it_speaks_german_where_qgis_does(qgis_app, tmp_path, monkeypatch):
+    tool = shutil.which("lrelease")
+    if tool is None:
+        pytest.skip("no lrelease (apt install qttools5-dev-tools)")
+    source = translation.FOLDER / "photomap_de.ts"
+    subprocess.run([tool, str(source), "-qm", str(tmp_path / "photomap_de.qm")], check=True, capture_output=True)
+    monkeypatch.setattr(translation, "FOLDER", tmp_path)
+    assert translation.install_translator() is None or translation.language() == "de"
+    QgsSettings().setValue("locale/overrideFlag", True)
+    QgsSettings().setValue("locale/userLocale", "de_DE")
+    found = translation.install_translator()
+    try:
+        assert translation.tr("Replace imagery…") == "Bilddaten ersetzen …"
+        assert translation.tr("words that nobody has translated") == "words that nobody has translated"
+    finally:
+        QCoreApplication.removeTranslator(found)
+        QgsSettings().setValue("locale/overrideFlag", False)
+    assert translation.tr("Replace imagery…") == "Replace imagery…"
+
+
+def test_help_is_a_page_with_its_pictures(window):
+    plugin = qgis_plugin.classFactory(window)
+    plugin.initGui()
+    plugin.show_help()
+    text = plugin._help.text.toPlainText()
+    assert text.startswith("photomap in QGIS")
+    assert "Replace imagery" in text
+    plugin.unload()
