@@ -64,6 +64,10 @@ class ImageryTools(QObject):
             self._context.messages.info(tr("The replaced layer is back."))
         except MissionError as error:
             self._context.messages.fail(str(error))
+        except RuntimeError:  # a group that the layer belonged into is gone, and Qt's object with it
+            self._context.messages.fail(
+                tr("The layer's group has been removed from the project: nothing was put back.")
+            )
         self.undo_available.emit(bool(self._done))
         self._context.iface.mapCanvas().refresh()
 

@@ -41,7 +41,8 @@ class MainDock(QDockWidget):
         self._stepwise: Stepwise | None = None
         self._export: ExportDialog | None = None
         self._folder = ""
-        self._document: dict = {}
+        self._document: dict | None = None
+        """What was told of a map that is made, while what goes with it is still being written."""
         self.form = MapForm(load_settings(), self)
         self.start_button = QPushButton(tr("&Make the map"), self)
         self.start_button.clicked.connect(self.start)
@@ -120,18 +121,25 @@ class MainDock(QDockWidget):
             job = self._context.engine.start("export", {"mission": folder, "vectors": True})
             self.jobs.watch(job, tr("Writing track and footprints…"))
             return
-        self._tell(self._document)
-        self._judge()
-        self.show_mission(self._folder)
+        self._show_made()
 
     def _job_failed(self, words: str) -> None:
         self._context.messages.fail(words)
-        self.recent.reload()
-        self._judge()
+        self._show_made()
 
     def _job_cancelled(self) -> None:
-        self._context.messages.info(tr("Stopped. The same photos into the same folder go on from there."))
+        if self._document is None:
+            self._context.messages.info(tr("Stopped. The same photos into the same folder go on from there."))
+        self._show_made()
+
+    def _show_made(self) -> None:
+        """Show the map that was made, where one was: without its track, should that have failed."""
+        document, self._document = self._document, None
         self._judge()
+        self.recent.reload()
+        if document is not None:
+            self._tell(document)
+            self.show_mission(self._folder)
 
     def _tell(self, document: dict) -> None:
         frames = document.get("frames", {})

@@ -10,7 +10,7 @@ from qgis.PyQt.QtCore import pyqtSignal
 from qgis.PyQt.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QLineEdit, QVBoxLayout, QWidget
 
 from ..compare_dialog import file_of
-from ..settings import Settings, default_folder
+from ..settings import Settings, default_folder, load_settings
 from ..translation import tr
 from .sources import VIDEOS, SourceList
 
@@ -24,13 +24,12 @@ class MapForm(QWidget):
 
     def __init__(self, settings: Settings, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._folder = default_folder(settings)
         self._proposed = ""
         self.sources = SourceList(self)
         self.track = file_widget(self, tr("Track logs") + f" ({TRACKS});;" + tr("All") + " (*)")
         self.output = QgsFileWidget(self)
         self.output.setStorageMode(QgsFileWidget.StorageMode.GetDirectory)
-        self.output.lineEdit().setPlaceholderText(str(self._folder))
+        self.output.lineEdit().setPlaceholderText(str(default_folder(settings)))
         self.gsd_cm = QDoubleSpinBox(self)
         self.gsd_cm.setRange(0.0, 1000.0)
         self.gsd_cm.setDecimals(1)
@@ -114,7 +113,7 @@ class MapForm(QWidget):
             first = Path(paths[0])
             video = f"*{first.suffix.lower()}" in VIDEOS.split()
             name = first.name if first.is_dir() else first.stem if video else first.parent.name
-            self._proposed = str(free_folder(self._folder, name or "map"))
+            self._proposed = str(free_folder(default_folder(load_settings()), name or "map"))
             self.output.setFilePath(self._proposed)
         self.changed.emit()
 

@@ -19,8 +19,8 @@ from qgis.PyQt.QtWidgets import (
 
 from ..translation import tr
 
-PICTURES = "*.jpg *.jpeg *.tif *.tiff *.png *.dng"
-VIDEOS = "*.mp4 *.mov *.mkv *.avi *.ts *.m4v *.mpg"
+PICTURES = "*.jpg *.jpeg *.tif *.tiff *.png"
+VIDEOS = "*.mp4 *.mov *.m4v *.avi *.mkv *.ts *.mts *.m2ts *.mpg *.mpeg *.webm"
 ROWS = 4
 
 

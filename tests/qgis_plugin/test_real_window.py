@@ -204,11 +204,12 @@ def test_unloaded_nothing_is_left_and_loaded_again_all_is_there(run):
     assert result["reloaded"] == result["loaded"]
 
 
-def test_the_engine_ended_with_qgis(run):
+def test_the_engines_ended_with_the_plugin_and_with_qgis(run):
     result, _ = run
-    assert result["engine_pid"] > 0
-    status = Path(f"/proc/{result['engine_pid']}/status")
-    assert not status.exists() or "photomap" not in (status.parent / "cmdline").read_text()
+    for pid in (result["engine_pid"], result["last_engine_pid"]):
+        assert pid > 0
+        words = Path(f"/proc/{pid}/cmdline")
+        assert not words.exists() or "photomap" not in words.read_text()
 
 
 def test_no_slot_of_the_plugin_holds_the_window_up(run):

@@ -152,6 +152,16 @@ def test_a_finished_map_is_added_after_its_track_was_written(
     ]  # fmt: skip
 
 
+def test_a_map_is_shown_even_where_its_track_could_not_be_written(dock, context, said, mission, tmp_path, wait_until):
+    own = shutil.copytree(mission, tmp_path / "own")
+    dock.form.sources.add([str(own)])
+    dock.start()
+    context.engine.last.finished.emit({**REPORT, "warnings": [], "mission": str(own)})
+    context.engine.last.failed.emit("the disk is full")
+    wait_until(lambda: "map" in role_layers(), "the map")
+    assert said == [("fail", "the disk is full"), ("info", "6 of 6 frames are in the map.")]
+
+
 def test_a_failure_is_said_and_the_form_is_free_again(dock, context, said, flight):
     dock.form.sources.add([str(flight / "photos")])
     dock.start()

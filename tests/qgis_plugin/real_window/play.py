@@ -163,6 +163,10 @@ def play(stage: Stage, watch: Stopwatch):
     startPlugin("photomap")
     yield stage.pause(200)
     stage.note(reloaded=census())
+    engine = plugins["photomap"].context.engine
+    engine.ensure()
+    yield Until(lambda: engine.is_ready, "the engine once more")
+    stage.note(last_engine_pid=engine.pid)  # QGIS closes now
 
 
 def plan_and_upload(stage: Stage, plugin):
