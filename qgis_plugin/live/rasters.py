@@ -3,7 +3,7 @@
 QGIS keeps tiles by their address, for as long as it runs: new pixels need a new address (the template carries the
 epoch, we add an edition). A layer that is turned to addresses it never fetched goes blank until they come: so a layer
 of the same source is drawn into an image that nobody sees, which fills QGIS's cache of tiles, and only then the visible
-one is turned. Only ground in view counts, and one edition at a time.
+one is turned, while the edition of before still lies under it. Only ground in view counts, and one edition at a time.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from qgis.core import (
     QgsCoordinateReferenceSystem,
     QgsCoordinateTransform,
     QgsCsException,
+    QgsMapLayer,
     QgsMapRendererParallelJob,
     QgsMapSettings,
     QgsProject,
@@ -52,8 +53,8 @@ def _next_edition() -> int:
 def xyz_source(template: str, most_zoom: int) -> str:
     """Return the source of an XYZ layer of the provider ``wms``; the address is encoded as QGIS does it.
 
-    The least zoom is 0 whatever the server has: seen from afar QGIS would ask for the whole world at a larger one, which
-    may be sixteen thousand tiles.
+    The least zoom is 0 whatever the server has: seen from afar QGIS would ask for the whole world at a larger one,
+    which may be sixteen thousand tiles.
     """
     address = quote(template, safe=":/{}")
     return f"type=xyz&url={address}&zmin=0&zmax={min(most_zoom, MOST_ZOOM)}"
@@ -72,8 +73,12 @@ class LiveRaster(QObject):
         self.edition = self.wanted = _next_edition()
         """What the layer shows, and what it is to show."""
         self.made = QgsRasterLayer(source(self.edition), name, "wms")
-        self._layer_id = self.made.id()
+        self.under = QgsRasterLayer(source(self.edition), name, "wms")
+        """The edition of before, out of the legend: it shows while the other is still being drawn, however slowly."""
+        self.under.setFlags(self.under.flags() | QgsMapLayer.LayerFlag.Private)
+        self._layer_id, self._under_id = self.made.id(), self.under.id()
         self.swaps = 0
+        self._under_is_old = self._being_drawn = False
         self._job: QgsMapRendererParallelJob | None = None
         self._hidden: QgsRasterLayer | None = None
         self._fetching = self.edition
@@ -82,11 +87,15 @@ class LiveRaster(QObject):
         self._timer.setInterval(LEAST_PAUSE_MS)
         self._timer.timeout.connect(self._begin)
         canvas.extentsChanged.connect(self.look_again)
+        canvas.renderStarting.connect(self._drawing)
+        canvas.mapCanvasRefreshed.connect(self._drawn)
 
     def release(self) -> None:
         """Fetch nothing any more; the layer stays where it is."""
         self._timer.stop()
         self._canvas.extentsChanged.disconnect(self.look_again)
+        self._canvas.renderStarting.disconnect(self._drawing)
+        self._canvas.mapCanvasRefreshed.disconnect(self._drawn)
         job, self._job = self._job, None
         if job is not None:
             job.finished.disconnect(self._fetched)
@@ -116,6 +125,10 @@ class LiveRaster(QObject):
 
     def look_again(self) -> None:
         """Something else is in view, or the layer was ticked: it may have been fetched at an older edition."""
+        root = QgsProject.instance().layerTreeRoot()
+        upper, under = root.findLayer(self._layer_id), root.findLayer(self._under_id)
+        if upper and under and under.itemVisibilityChecked() != upper.itemVisibilityChecked():
+            under.setItemVisibilityChecked(upper.itemVisibilityChecked())
         if self.wanted > self.edition:
             self._soon()
 
@@ -167,10 +180,25 @@ class LiveRaster(QObject):
             return
         self.edition = self._fetching
         self.swaps += 1
+        self._turn(layer)
+        self._under_is_old, self._being_drawn = True, False
+        if self.wanted > self.edition:
+            self._timer.start()
+
+    def _drawing(self) -> None:
+        """What the window begins to draw now has the new edition: a picture begun before may still end after it."""
+        self._being_drawn = True
+
+    def _drawn(self) -> None:
+        """The window shows the new edition: the one below may follow, behind it."""
+        under = QgsProject.instance().mapLayer(self._under_id)
+        if self._under_is_old and self._being_drawn and under is not None:
+            self._under_is_old = False
+            self._turn(under)
+
+    def _turn(self, layer: QgsRasterLayer) -> None:
         project = QgsProject.instance()
         was_dirty = project.isDirty()
         layer.setDataSource(self._source(self.edition), layer.name(), "wms")
         project.setDirty(was_dirty)
         layer.triggerRepaint()
-        if self.wanted > self.edition:
-            self._timer.start()

@@ -116,8 +116,9 @@ class LiveScreen(QObject):
         if not raster.made.isValid():
             raster.release()
             return
-        style_map(raster.made)
-        self.overlay.add_raster(raster.made, shown=layer.get("role") == "map")
+        for each in (raster.made, raster.under):
+            style_map(each)
+            self.overlay.add_raster(each, shown=layer.get("role") == "map")
         self._templates[layer["id"]] = layer["tiles"]
         self.rasters[layer["id"]] = raster
 

@@ -17,7 +17,7 @@ from photomap_gis.mission_planner.shots import PlannedShot, footprint_ring, plan
 
 Json = dict[str, Any]
 
-MOST_FOOTPRINTS = 4000
+MOST_FOOTPRINTS = 2000
 """More are thinned evenly: a map that shows them all shows none, and a preview must be quick."""
 
 

@@ -123,6 +123,28 @@ def test_the_map_grows_in_the_right_place(dock, canvas, fly, wait_until, said):
     assert not said.failures
 
 
+def test_new_ground_comes_without_a_blank_moment(dock, canvas, fly, wait_until):
+    canvas.setCachingEnabled(True)  # as QGIS's own window has it
+    flight = fly()
+    _connect(dock, flight, wait_until)
+    _map_only(dock, canvas)
+    raster = dock.screen.rasters["map"]
+    _caught_up(dock, flight.do("step 30"), wait_until)
+    least = 0.9 * _share_of_ground(_image(canvas, wait_until))
+    assert least > 0.03
+    seen = []
+
+    def watch() -> bool:
+        seen.append(_share_of_ground(canvas.grab().toImage()))
+        return dock.screen.heard >= told["version"] and raster.resting and not raster._under_is_old
+
+    for _ in range(2):
+        told = flight.do("step 8")
+        wait_until(watch, "the new ground")
+    canvas.setCachingEnabled(False)
+    assert min(seen) > least
+
+
 def test_ground_out_of_view_is_fetched_when_it_is_looked_at(dock, canvas, fly, wait_until):
     flight = fly()
     _connect(dock, flight, wait_until)
