@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?= -n auto
 
-.PHONY: setup demo test check bench clean
+.PHONY: setup demo test check bench plugin clean
 
 setup: $(VENV)/.done
 
@@ -12,6 +12,8 @@ $(VENV)/.done: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet --editable '.[dev]'
+	# For QGIS's own Python (tests/qgis_plugin): our pytest must not see pytest-qgis, which needs QGIS at once.
+	$(BIN)/pip install --quiet --upgrade --target $(VENV)/qgis-tests 'pytest>=8' 'pytest-qgis>=2'
 	touch $@
 
 demo: setup
@@ -25,6 +27,10 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The QGIS plugin's zip; needs nothing but Python (and Qt's lrelease, where its translations shall be in it).
+plugin:
+	$(PYTHON) scripts/build_plugin.py
 
 bench: setup
 	$(BIN)/python -m benchmarks.flights

@@ -24,7 +24,7 @@ from __future__ import annotations
 import base64
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Generic, TypeVar
@@ -202,7 +202,7 @@ class ControlRecord:
     """What people say of the map's place: control points of a file, points picked on the map, corrections by hand.
 
     ``source`` is the file's name as it was given; ``check`` what was said of check points. ``picks`` name their
-    pictures by index (``#12``).
+    pictures by index (``#12``); those named in ``check_picks`` test the map and have no part in its fit.
     """
 
     points: tuple[ControlPoint, ...] = ()
@@ -210,6 +210,7 @@ class ControlRecord:
     check: tuple[str, ...] = ()
     picks: tuple[ControlPoint, ...] = ()
     nudges: tuple[Nudge, ...] = ()
+    check_picks: tuple[str, ...] = ()
 
 
 class Journal(Generic[T]):
@@ -246,9 +247,22 @@ class Journal(Generic[T]):
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
 
+    def replace(self, records: Iterable[T]) -> None:
+        """Put other records in the place of all; whole or not at all."""
+        self.close()
+        write_file(self._path, b"".join(self._adapter.dump_json(r) + b"\n" for r in records))
+
     def append(self, record: T) -> None:
         """Append one record."""
         self.extend((record,))
+
+    def keep(self, wanted: Callable[[T], bool]) -> None:
+        """Leave out the records that are not ``wanted``; the file is replaced whole, and only where that changes it."""
+        records = list(self)
+        kept = [r for r in records if wanted(r)]
+        if len(kept) < len(records):
+            self.close()
+            write_file(self._path, b"".join(self._adapter.dump_json(r) + b"\n" for r in kept))
 
     def close(self) -> None:
         """Bring what was appended onto the disk."""

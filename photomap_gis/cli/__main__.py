@@ -1,7 +1,10 @@
-"""``python -m photomap_gis.cli``: the command where its script is not on the path."""
+"""``python -m photomap_gis.cli``: the command where its script is not on the path, and as a job of the engine."""
 
 import sys
 
 from photomap_gis.cli import main
+from photomap_gis.cli.lifeline import stop_with_stdin
 
-sys.exit(main())
+if __name__ == "__main__":
+    stop_with_stdin()
+    sys.exit(main())

@@ -35,7 +35,8 @@ def command(source: Path, output: Path, autopilot: str | None, as_json: bool) ->
     write_mission(output, mission)
     lost = _lost(mission) if output.suffix.lower() != ".plan" else []
     if as_json:
-        click.echo(json.dumps({"file": str(output), "items": len(mission.items), "warnings": lost}, indent=1))
+        document = {"file": str(output), "items": len(mission.items), "warnings": lost, "outputs": [str(output)]}
+        click.echo(json.dumps(document, indent=1))
         return
     click.echo(output)
     for words in lost:

@@ -58,7 +58,13 @@ def command(connection: Connection, system: int | None, output: Path, as_json: b
         "rally": len(got.lists.get(Kind.RALLY, ())),
     }
     if as_json:
-        document = {"output": str(output), **counts, "warnings": list(got.warnings), "vehicle": got.vehicle.as_json()}
+        document = {
+            "output": str(output),
+            **counts,
+            "warnings": list(got.warnings),
+            "vehicle": got.vehicle.as_json(),
+            "outputs": [str(output)],
+        }
         click.echo(json.dumps(document, allow_nan=False))
         return
     for warning in got.warnings:

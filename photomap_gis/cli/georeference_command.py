@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,13 @@ if TYPE_CHECKING:
     help="A place of map.tif in its own coordinates, and where it is on Earth; two or more, far apart.",
 )
 @click.option(
+    "--check-pick",
+    "check_picks",
+    multiple=True,
+    metavar="X,Y=LAT,LON",
+    help="The same, to test the map: it has no part in the fit, and what the map misses it by is told.",
+)
+@click.option(
     "--nudge",
     metavar="E,N[,DEG]",
     help="Move the map by metres east and north, and degrees clockwise about its middle.",
@@ -42,12 +50,21 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
 def command(
-    mission: Path, picks: tuple[str, ...], nudge: str | None, piece: int, reset: bool, as_json: bool, quiet: bool
+    mission: Path,
+    *,
+    picks: tuple[str, ...],
+    check_picks: tuple[str, ...],
+    nudge: str | None,
+    piece: int,
+    reset: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Give MISSION's map its place on Earth, or correct it by hand; draw and export it again.
 
     \b
     photomap georeference flight-1 --pick 120.5,-340=51.50012,7.40034 --pick 980,-95=51.50101,7.40312
+    photomap georeference flight-1 --pick ... --pick ... --check-pick 400,-210=51.50044,7.40201
     photomap georeference flight-1 --nudge 1.5,-0.8
     photomap georeference flight-1 --nudge 0,0,2     # two degrees clockwise
 
@@ -56,23 +73,24 @@ def command(
     from photomap_gis.pipeline import georeference
 
     picked = [parse_pick(text) for text in picks]
+    picked += [replace(parse_pick(text, "--check-pick"), check=True) for text in check_picks]
     motion = None if nudge is None else parse_nudge(nudge)
     with ProgressBars(quiet=quiet) as bars:
         summary = georeference(mission, picks=picked, nudge=motion, piece=piece, reset=reset, on_progress=bars)
     tell(summary, as_json=as_json)
 
 
-def parse_pick(text: str) -> Pick:
+def parse_pick(text: str, option: str = "--pick") -> Pick:
     """Return the pick that ``X,Y=LAT,LON`` says; ``UsageError`` for anything else."""
     from photomap_gis.pipeline import Pick
 
     sides = [_numbers(side) for side in text.split("=")]
     if len(sides) != 2 or any(side is None or len(side) != 2 for side in sides):
-        raise UsageError(f"--pick {text}: write X,Y=LAT,LON, such as 120.5,-340=51.50012,7.40034")
+        raise UsageError(f"{option} {text}: write X,Y=LAT,LON, such as 120.5,-340=51.50012,7.40034")
     (x, y), (lat, lon) = (side or [] for side in sides)
     if not (abs(lat) <= 90.0 and abs(lon) <= 360.0):
         raise UsageError(
-            f"--pick {text}: latitude {lat:g}, longitude {lon:g} is no place on Earth; latitude comes first"
+            f"{option} {text}: latitude {lat:g}, longitude {lon:g} is no place on Earth; latitude comes first"
         )
     return Pick(x, y, lat, lon)
 

@@ -102,6 +102,8 @@ _DEFAULT_RASTER = (5472, 3648, 73.74)  # a one-inch camera as most mapping drone
 @terrain_options
 @file_options
 @click.option("--picture", type=click.Path(path_type=Path), metavar="PNG", help="Default: beside the plan.")
+@click.option("--drawing", type=click.Path(path_type=Path), metavar="GEOJSON",
+              help="Write what a GIS draws: path, lanes, photo footprints, sure coverage, gaps, waypoints.")
 @click.option("--json", "as_json", is_flag=True, help="Print the plan and its proof as JSON on stdout.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
 def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, **chosen: Any) -> None:
@@ -119,7 +121,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     from photomap_gis.mission_planner.picture import survey_picture
     from photomap_gis.mission_planner.places import read_places
     from photomap_gis.mission_planner.survey import plan_survey
-    from photomap_gis.pipeline.plan import gaps_of, survey_facts
+    from photomap_gis.pipeline.plan import survey_facts
     from photomap_gis.pipeline.plan_energy import Battery, add_energy
     from photomap_gis.pipeline.plan_report import terrain_facts
     from photomap_gis.pipeline.plan_terrain import ground_facts, survey_over_terrain
@@ -128,7 +130,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     check_options(context, chosen["pattern"])
     if area is None and chosen["gaps"] is None and chosen["pattern"] is None:
         raise UsageError("say which AREA to survey (a file, WKT or LAT,LON;LAT,LON;...), or --gaps MISSION")
-    if output is None and not as_json and chosen["picture"] is None:
+    if output is None and not as_json and chosen["picture"] is None and chosen["drawing"] is None:
         raise UsageError("say where the plan goes: -o PLAN.plan (or .waypoints .kml .geojson .gpx .csv), or --json")
     if output is not None:
         from photomap_gis.mission_planner.files import plan_format
@@ -141,13 +143,16 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
         facts["warnings"] = [*assumed, *facts["warnings"]]
         add_energy(facts, battery, settings.endurance_s)
         facts["warnings"] += _storage(plan, chosen)
-        _tell(_write(output, plan, chosen), facts, as_json, say_pattern)
+        written = [*_write(output, plan, chosen), *_draw(plan, settings, chosen["drawing"])]
+        _tell(written, facts, as_json, say_pattern)
         return
     gsd = settings.optics.gsd_m_per_px(settings.height_m)
     places = read_places(area) if area is not None else None
     polygons = places.polygons if places else ()
     with ProgressBars(quiet=quiet) as bars:
         if chosen["gaps"] is not None:
+            from photomap_gis.pipeline.plan_gaps import gaps_of
+
             coarser = _metres("--coarser-than", chosen["coarser_than"]) if chosen["coarser_than"] else gsd
             polygons = gaps_of(chosen["gaps"], area=polygons, gsd_m=coarser, before_s=_time(chosen["older_than"]))
         asked = survey_area(
@@ -171,7 +176,7 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
     if settings.endurance_s is None and longest > 1500.0:
         facts["warnings"].append(f"one flight of {longest / 60:.0f} min: --endurance-min splits it by batteries")
     facts["warnings"] += _storage(plan, chosen)
-    written = _write(output, plan, chosen)
+    written = [*_write(output, plan, chosen), *_draw(plan, settings, chosen["drawing"])]
     picture = chosen["picture"] or (output.with_suffix(".png") if output is not None else None)
     if picture is not None:
         from photomap_gis.publish import write_file
@@ -183,7 +188,8 @@ def command(area: str | None, output: Path | None, as_json: bool, quiet: bool, *
 
 def _tell(written: list[Path], facts: dict[str, Any], as_json: bool, say: Callable[[dict[str, Any]], None]) -> None:
     if as_json:
-        click.echo(json.dumps(facts | {"files": [str(p) for p in written]}, indent=1, allow_nan=False))
+        files = [str(p) for p in written]
+        click.echo(json.dumps(facts | {"files": files, "outputs": files}, indent=1, allow_nan=False))
         return
     for path in written:
         click.echo(path)
@@ -343,6 +349,16 @@ def _write(output: Path | None, plan: Any, chosen: dict[str, Any]) -> list[Path]
         rally=rally_points(chosen["rally"]),
         fence_margin_m=chosen["fence_margin"],
     )
+
+
+def _draw(plan: Any, settings: Any, path: Path | None) -> list[Path]:
+    if path is None:
+        return []
+    from photomap_gis.mission_planner.files.drawing import plan_drawing
+    from photomap_gis.publish import write_file
+
+    write_file(path, plan_drawing(plan, settings.optics, settings.height_m).encode())
+    return [path]
 
 
 def _say(facts: dict[str, Any]) -> None:

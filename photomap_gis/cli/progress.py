@@ -1,7 +1,12 @@
-"""Progress on stderr: bars with rate and time left on a terminal, one line a finished stage elsewhere."""
+"""Progress on stderr: bars with rate and time left on a terminal, one line a finished stage elsewhere.
+
+With ``PHOTOMAP_PROGRESS=json`` in the environment it is JSON lines for a program that watches (``docs/protocol.md``).
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import time
 
 import click
@@ -18,6 +23,9 @@ from rich.progress import (
 )
 from rich.text import Text
 
+MACHINE_VARIABLE = "PHOTOMAP_PROGRESS"
+_MACHINE_EVERY_S = 0.1
+
 
 class RateColumn(ProgressColumn):
     """Steps a second."""
@@ -32,8 +40,9 @@ class ProgressBars:
 
     def __init__(self, *, quiet: bool = False) -> None:
         self._quiet = quiet
+        self._machine = MachineProgress() if os.environ.get(MACHINE_VARIABLE) == "json" else None
         self._console = Console(stderr=True)
-        self._live = self._console.is_terminal and not quiet
+        self._live = self._console.is_terminal and not quiet and self._machine is None
         self._bars = Progress(
             TextColumn("{task.description:<10}"),
             BarColumn(),
@@ -57,6 +66,10 @@ class ProgressBars:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Move a stage's bar; a stage may start anew after it was full (a second pass)."""
+        if self._machine is not None:  # whoever set the variable wants to know, whatever --quiet says to people
+            if (line := self._machine.line(stage, done, total, time.monotonic())) is not None:
+                click.echo(line, err=True)
+            return
         if self._live:
             if stage not in self._tasks:
                 self._tasks[stage] = self._bars.add_task(stage, total=total)
@@ -68,3 +81,33 @@ class ProgressBars:
         elif not self._quiet and stage not in self._finished:
             self._finished.add(stage)
             click.echo(f"{stage}: {total} in {time.monotonic() - started:.1f} s", err=True)
+
+
+class MachineProgress:
+    """Progress as JSON lines: at most ten a second and stage, its beginning and its end always."""
+
+    def __init__(self) -> None:
+        self._started: dict[str, tuple[float, int]] = {}
+        self._told: dict[str, tuple[float, int, int]] = {}
+
+    def line(self, stage: str, done: int, total: int, now_s: float) -> str | None:
+        """Return the line to print at a monotonic time in seconds, ``None`` where it can wait."""
+        told = self._told.get(stage)
+        if told is None or done < told[1]:
+            self._started[stage] = (now_s, done)  # a stage that was resumed does not count what was done before
+        elif (done, total) == told[1:] or (done < total and now_s - told[0] < _MACHINE_EVERY_S):
+            return None
+        self._told[stage] = (now_s, done, total)
+        started_s, first = self._started[stage]
+        elapsed_s = now_s - started_s
+        rate = (done - first) / elapsed_s if elapsed_s > 0 and done > first else None
+        eta_s = None if rate is None else max(0, total - done) / rate
+        return json.dumps(
+            {
+                "progress": stage,
+                "done": done,
+                "total": total,
+                "rate": None if rate is None else round(rate, 3),
+                "eta_s": None if eta_s is None else round(eta_s, 1),
+            }
+        )

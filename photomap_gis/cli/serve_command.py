@@ -48,7 +48,7 @@ def command(
     if token is not None and not (token.isascii() and token.isprintable() and len(token) >= 8 and " " not in token):
         raise UsageError("--token must be 8 or more ASCII characters without spaces")
     served = Host(open_view)
-    served.open(mission, before)
+    shown = served.open(mission, before)
     local = is_loopback(host)
     if not local and token is None:
         token = new_token()
@@ -61,7 +61,7 @@ def command(
             click.echo(ReadyDocument(port=server.port, token=token, url=url).model_dump_json())
         else:
             click.echo(url)
-            _teach(server.url, token, georeferenced=served.get(None).current().view.georeferenced)
+            _teach(server.url, token, georeferenced=shown.current().view.georeferenced)
             if not is_built():
                 click.echo(f"the map page is not installed: {HOW_TO_GET}; tiles and WMTS work", err=True)
         if open_browser:

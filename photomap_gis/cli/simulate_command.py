@@ -131,6 +131,7 @@ def command(
             "truth": str(result.truth.folder),
             "frames": len(result.truth.frames),
             "gsd_m_per_px": result.truth.gsd_m_per_px,
+            "outputs": [str(result.source), str(result.truth.folder)],
         }
         click.echo(json.dumps(document, indent=1))
     else:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
 
@@ -89,10 +90,15 @@ def predicted_covariance_m2(trajectory: Trajectory, xy_map_m: npt.ArrayLike) -> 
 
     Of the frames that cover a point it is the one that is placed best there (least trace).
     """
+    return covariance_by_placements_m2(trajectory.placements, xy_map_m)
+
+
+def covariance_by_placements_m2(placements: Sequence[FramePlacement], xy_map_m: npt.ArrayLike) -> FloatArray:
+    """``(N, 2, 2)`` the same by the placements of a solution."""
     points = np.atleast_2d(np.asarray(xy_map_m, dtype=np.float64))
     best = np.full((len(points), 2, 2), np.nan)
     least = np.full(len(points), np.inf)
-    for p in trajectory.placements:
+    for p in placements:
         px = p.camera_to_map.unproject(points)
         inside = np.isfinite(px).all(axis=1) & ((px >= -0.5) & (px <= (p.width_px - 0.5, p.height_px - 0.5))).all(
             axis=1

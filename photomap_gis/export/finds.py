@@ -32,13 +32,16 @@ class Find:
     ce90_m: float | None = None
     time_utc: str | None = None
     remarks: str = ""
+    kind: str = ""
+    id: str = ""
 
 
-def read_finds(path: Path) -> tuple[Find, ...]:
+def read_finds(path: Path, *, may_be_none: bool = False) -> tuple[Find, ...]:
     """Return the points of a vector file (GeoJSON, GPKG, KML, SHP; any CRS); ``DataError`` where it has none.
 
-    Fields ``name``, ``ce90_m`` (or ``ce90``, ``ce``), ``time`` (or ``time_utc``) and ``remarks`` (or ``description``)
-    are taken where they are there, in any case of letters.
+    Fields ``name``, ``ce90_m`` (or ``ce90``, ``ce``), ``time`` (or ``time_utc``), ``remarks`` (or ``description``),
+    ``kind`` and ``id`` are taken where they are there, in any case of letters. ``may_be_none`` takes a file without
+    points for what it is: nothing was found, or nothing that has a place on Earth.
     """
     if not path.is_file():
         raise DataError(f"{path} cannot be read: no such file; name one with points (GeoJSON, GPKG, KML, SHP)")
@@ -57,13 +60,13 @@ def read_finds(path: Path) -> tuple[Find, ...]:
     except (DataSourceError, DataLayerError, FieldError, GeometryError, shapely.errors.ShapelyError) as error:
         reason = " ".join(str(error).split(";")[0].split())
         raise DataError(f"{path} cannot be read ({reason}); name a GeoJSON, GPKG, KML or SHP with points") from error
-    if not finds:
+    if not finds and not may_be_none:
         raise DataError(f"{path} holds no point: finds are points")
     return tuple(finds)
 
 
 def _finds_of(path: Path, layer: str, known: int) -> list[Find]:
-    meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer, max_features=_MAX_FINDS)
+    meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer, max_features=_MAX_FINDS, datetime_as_string=True)
     fields = {str(name).lower(): values for name, values in zip(meta["fields"], columns, strict=True)}
     geometries = shapely.force_2d(shapely.from_wkb(wkb))
     rows = np.flatnonzero((shapely.get_type_id(geometries) == _POINT) & ~shapely.is_empty(geometries)).tolist()
@@ -79,6 +82,8 @@ def _finds_of(path: Path, layer: str, known: int) -> list[Find]:
             _number(fields, i, "ce90_m", "ce90", "ce"),
             _text(fields, i, "time_utc", "time") or None,
             _text(fields, i, "remarks", "description"),
+            _text(fields, i, "kind"),
+            _text(fields, i, "id"),
         )
         for n, i in enumerate(rows)
         if np.isfinite(lon_lat[n]).all()

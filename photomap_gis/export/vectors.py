@@ -99,6 +99,30 @@ def write_vectors(
     return sum(len(layer.geometries) for layer in layers)
 
 
+def write_empty_layer(
+    path: Path, name: str, *, geometry_type: str, fields: Mapping[str, type], crs_wkt: str | None
+) -> None:
+    """Write a GeoPackage with one layer that holds nothing, as a result that there is nothing to show.
+
+    ``fields`` are names and ``int``, ``float`` or ``str``, as they would be of features.
+    """
+    dtypes: dict[type, Any] = {int: np.int64, float: np.float64, str: object}
+    with file_in_place_of(path.absolute()) as temporary:
+        try:
+            pyogrio.raw.write(
+                temporary,
+                np.array([], dtype=object),
+                [np.array([], dtype=dtypes[kind]) for kind in fields.values()],
+                list(fields),
+                layer=name,
+                driver="GPKG",
+                geometry_type=geometry_type,
+                crs=crs_wkt,
+            )
+        except (DataSourceError, DataLayerError) as error:
+            raise OutputError(f"{path} cannot be written: {' '.join(str(error).split())}; check the disk") from error
+
+
 def _touching(layer: VectorLayer, area: BaseGeometry) -> VectorLayer:
     kept = [i for i, g in enumerate(layer.geometries) if g.intersects(area)]
     return VectorLayer(layer.name, tuple(layer.geometries[i] for i in kept), tuple(layer.rows[i] for i in kept))

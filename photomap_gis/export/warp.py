@@ -204,6 +204,17 @@ class Resampler:
                     out[r : r + h, c : c + w] = block
         return out
 
+    def source_window(self, window: Window) -> Window | None:
+        """Return the source's pixels that ``read`` may look at for a window; ``None`` where it looks at none."""
+        nodes = _lattice(self._to_source, window).nodes
+        known = np.isfinite(nodes).all(axis=-1)
+        if not known.any():
+            return None
+        margin = (self._margin + 1) * self._factor
+        left, top = (math.floor(float(v)) - margin for v in nodes[known].min(axis=0))
+        right, bottom = (math.ceil(float(v)) + margin for v in nodes[known].max(axis=0))
+        return Window(left, top, right - left, bottom - top)
+
     def _read_block(self, window: Window) -> Rgba | None:
         found = _lattice(self._to_source, window)
         f, g = self._factor, self.source.grid

@@ -19,24 +19,21 @@ import numpy as np
 import numpy.typing as npt
 from av.error import FFmpegError
 from av.stream import Disposition
-from av.video.reformatter import Colorspace, Interpolation
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.ingest.telemetry.demux import packets
+from photomap_gis.ingest.video_pixels import bgr_of
 from photomap_gis.ingest.video_tags import make_and_model, rotation_deg, start_utc_s
 
 logger = logging.getLogger(__name__)
 
 _MAX_PACKETS = 5_000_000
-_MAX_PIXELS = 200_000_000
+MAX_PIXELS = 200_000_000
 _MIN_SEEK_FRAMES = 24
 """Fewer frames than this to the key frame before the wanted one are decoded rather than leapt over."""
 
 _LEADING_PACKETS = 60
-
-_SCALING = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
-"""The scaler's fast path darkens by three levels."""
 
 _MAX_ERRORS_IN_A_ROW = 200
 
@@ -97,8 +94,8 @@ class FrameIndex:
 def probe(path: Path) -> VideoInfo:
     """Return what a video's header tells; ``DataError`` where it is no video that can be read."""
     path = Path(path)
-    with _opened(path) as container:
-        stream = _video_stream(container, path)
+    with open_video(path) as container:
+        stream = video_stream(container, path)
         context = stream.codec_context
         kinds = {s.type for s in container.streams}
         rate = stream.average_rate or stream.guessed_rate or 0
@@ -145,8 +142,8 @@ def read_video_frames(path: Path, frame_numbers: Sequence[int]) -> Iterator[tupl
     if not numbers:
         return
     index = frame_index(path)
-    with _opened(path) as container:
-        reader = _Reader(container, _video_stream(container, path), index, frozenset(numbers))
+    with open_video(path) as container:
+        reader = _Reader(container, video_stream(container, path), index, frozenset(numbers))
         for number in numbers:
             yield number, reader.read(number)
 
@@ -253,16 +250,7 @@ class _Reader:
     def _image(self, frame: Any) -> ImageArray | None:
         if frame.is_corrupt or (frame.width, frame.height) != self._size:
             return None
-        try:
-            # Unlabelled HD video is BT.709; the scaler would take it for BT.601.
-            unlabelled = frame.colorspace not in (1, 4, 5, 6, 7, 9, 10)
-            source = (Colorspace.ITU709 if frame.height >= 720 else Colorspace.ITU601) if unlabelled else None
-            image = frame.reformat(
-                format="bgr24", src_colorspace=source, interpolation=_SCALING, threads=1
-            ).to_ndarray()
-        except (FFmpegError, ValueError):
-            return None
-        return np.ascontiguousarray(image)
+        return bgr_of(frame)
 
 
 @lru_cache(maxsize=16)
@@ -270,15 +258,15 @@ def _frame_index(path: str, size: int, mtime_ns: int) -> FrameIndex:
     """Demux a whole file once; size and time of change are part of the cache's key."""
     stamps: list[int | None] = []
     keys: list[bool] = []
-    with _opened(Path(path)) as container:
-        stream = _video_stream(container, Path(path))
+    with open_video(Path(path)) as container:
+        stream = video_stream(container, Path(path))
         rate = _sane_rate(float(stream.average_rate or stream.guessed_rate or 0)) or 25.0
         time_base_s = float(stream.time_base) if stream.time_base else 1.0 / rate
         table = _index_of_table(container, stream, time_base_s, size)
     if table is not None:
         return table
-    with _opened(Path(path)) as container:
-        stream = _video_stream(container, Path(path))
+    with open_video(Path(path)) as container:
+        stream = video_stream(container, Path(path))
         for packet in packets(container, stream):
             if packet.size == 0 or packet.is_discard:
                 continue
@@ -323,7 +311,7 @@ def _index_of_table(container: Any, stream: Any, time_base_s: float, size_bytes:
     return FrameIndex(pts + shifts.pop(), time_base_s, np.flatnonzero(is_key))
 
 
-def _opened(path: Path) -> Any:
+def open_video(path: Path) -> Any:
     """Open a container; ``DataError`` with what to do where it cannot be."""
     try:
         return av.open(str(path), metadata_errors="ignore")
@@ -345,14 +333,14 @@ def _is_unfinished(path: Path) -> bool:
         return False
 
 
-def _video_stream(container: Any, path: Path) -> Any:
+def video_stream(container: Any, path: Path) -> Any:
     """Return the stream of the recording, not that of a thumbnail."""
     streams = [s for s in container.streams.video if s.codec_context is not None and s.codec_context.width > 0]
     moving = [s for s in streams if Disposition.attached_pic not in s.disposition] or streams
     if not moving:
         raise DataError(f"{path}: holds no video that can be decoded; give the drone's original file")
     stream = max(moving, key=lambda s: (s.frames > 1 or s.frames == 0, s.codec_context.width * s.codec_context.height))
-    if stream.codec_context.width * stream.codec_context.height > _MAX_PIXELS:
+    if stream.codec_context.width * stream.codec_context.height > MAX_PIXELS:
         raise DataError(f"{path}: claims frames of {stream.width} x {stream.height} pixels; the file is damaged")
     return stream
 

@@ -15,9 +15,11 @@ import numpy as np
 
 from photomap_gis.core.errors import DataError, FrameReadError
 from photomap_gis.core.frame import Flight, FlightTrack, Footage, Frame, FrameRef
+from photomap_gis.ingest.box_files import is_recording
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.photo_flights import natural_key
 from photomap_gis.ingest.photos import photo_footage
+from photomap_gis.ingest.recording_footage import recording_footage
 from photomap_gis.ingest.stills import PHOTO_SUFFIXES, RAW_SUFFIXES, read_photo
 
 logger = logging.getLogger(__name__)
@@ -35,6 +37,7 @@ class FoundFiles:
     photos: tuple[Path, ...]
     videos: tuple[Path, ...]
     warnings: tuple[str, ...] = ()
+    recordings: tuple[Path, ...] = ()
 
 
 def open_sources(
@@ -65,6 +68,7 @@ def open_sources(
         from photomap_gis.ingest.video import video_footage  # PyAV loads slowly, and photos do not need it
 
         parts.append(video_footage(found.videos, options, on_progress=on_progress))
+    parts += [recording_footage(r, options, on_progress=on_progress) for r in found.recordings]
     return _renumber(parts, found.warnings, first_index, first_flight)
 
 
@@ -113,9 +117,11 @@ def find_files(sources: Sequence[Path | str]) -> FoundFiles:
     photos: dict[Path, Path] = {}
     videos: dict[Path, Path] = {}
     warnings: list[str] = []
+    recordings: list[Path] = []
     repeated = 0
     for source in sources:
         here = _expand(str(source))
+        recordings += [r for r in here.recordings if r not in recordings]
         named_photos, named_videos = here.photos, here.videos
         warnings += here.warnings
         for path, into in [(p, photos) for p in named_photos] + [(p, videos) for p in named_videos]:
@@ -126,11 +132,13 @@ def find_files(sources: Sequence[Path | str]) -> FoundFiles:
     if repeated:
         many = "s were" if repeated > 1 else " was"
         warnings.append(f"{repeated} file{many} named more than once: each is used once")
-    return FoundFiles(tuple(photos.values()), tuple(videos.values()), tuple(warnings))
+    return FoundFiles(tuple(photos.values()), tuple(videos.values()), tuple(warnings), tuple(recordings))
 
 
 def _expand(source: str) -> FoundFiles:
     path = Path(source).expanduser()
+    if path.is_dir() and is_recording(path):
+        return FoundFiles((), (), recordings=(path.resolve(),))
     if path.is_dir():
         return _search_folder(path)
     if path.is_file():

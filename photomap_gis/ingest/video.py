@@ -34,8 +34,10 @@ from photomap_gis.ingest.telemetry.media import find_embedded
 from photomap_gis.ingest.video_lenses import choose_videos
 
 __all__ = [
+    "LaidFile",
     "VideoInfo",
     "frame_index",
+    "laid_footage",
     "probe",
     "read_video_frame",
     "read_video_frames",
@@ -59,6 +61,15 @@ class _Piece:
     index: FrameIndex
     base_s: float
     track: Track | None
+
+
+@dataclass(frozen=True, slots=True)
+class LaidFile:
+    """A file of a recording that tells itself when its first frame was: seconds since the first file's, and Unix."""
+
+    path: Path
+    base_s: float
+    start_utc_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +146,37 @@ def video_footage(
             on_progress(done, len(infos))
     if not ledger.frames:
         raise unplaced[0] if unplaced else DataError(_nothing_usable(ledger.warnings))
+    return Footage(
+        tuple(ledger.frames), tuple(ledger.flights), tuple(dict.fromkeys(ledger.warnings)), tuple(ledger.tracks)
+    )
+
+
+def laid_footage(
+    files: Sequence[LaidFile], options: IngestOptions, *, on_progress: Callable[[int, int], None] | None = None
+) -> Footage:
+    """Return the footage of files that are one recording, whatever their names: their places in time are told.
+
+    A file that cannot be read is named in a warning and left out; ``DataError`` where none is left.
+    """
+    ledger = _Ledger()
+    forced = None if options.track is None else read_track(options.track, srt_order=options.srt_order)
+    if forced is not None:
+        ledger.warnings += forced.warnings
+    pieces: list[_Piece] = []
+    for done, file in enumerate(files):
+        try:
+            info = replace(probe(file.path), start_utc_s=file.start_utc_s)
+            index = frame_index(file.path)
+        except DataError as error:
+            ledger.warnings.append(f"left out: {error}")
+            continue
+        track = None if forced is not None else find_track(info, options, ledger.warnings)
+        pieces.append(_Piece(info, index, file.base_s, track))
+        if on_progress is not None:
+            on_progress(done + 1, len(files))
+    if not pieces:
+        raise DataError(_nothing_usable(ledger.warnings))
+    _add_flight(pieces, forced, options, ledger)
     return Footage(
         tuple(ledger.frames), tuple(ledger.flights), tuple(dict.fromkeys(ledger.warnings)), tuple(ledger.tracks)
     )
@@ -218,7 +260,7 @@ def _add_flight(pieces: Sequence[_Piece], forced: Track | None, options: IngestO
     shared = forced if forced is not None else pieces[0].track
     failures: list[DataError] = []
     placements: list[tuple[_Piece, list[int], Placed | None, float | None]] = []
-    length_s = sum(float(p.index.times_s[-1]) for p in pieces)
+    length_s = max(p.base_s + float(p.index.times_s[-1]) for p in pieces)
     for piece in pieces:
         # A file's own log counts from its first frame, one for the whole recording from the first file's.
         own = forced is None and piece.track is not None

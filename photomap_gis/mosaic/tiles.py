@@ -48,6 +48,7 @@ class TileStore:
         self._folder = Path(folder)
         head = _read_head(self._folder)
         self._grid, self._revision, self._fingerprint = head
+        self._first = _read_first(self._folder)
         self._lock = threading.Lock()
         self._decoded: OrderedDict[TileIndex, RgbaArray | None] = OrderedDict()
         self._made_rows: set[int] = set()
@@ -183,7 +184,35 @@ class TileStore:
         return pixels
 
     def _path(self, tile: TileIndex, suffix: str = ".png") -> Path:
-        return self._folder / f"{tile.row:05d}" / f"{tile.col:05d}{suffix}"
+        return tile_path(self._folder, TileIndex(tile.row + self._first.row, tile.col + self._first.col), suffix)
+
+
+def tile_path(folder: Path, number: TileIndex, suffix: str = ".png") -> Path:
+    """Return where a tile lies on disk; of a map that grows, ``number`` counts from ``first_tile`` of its head."""
+    return folder / f"{number.row:05d}" / f"{number.col:05d}{suffix}"
+
+
+def write_head(folder: Path, grid: MapGrid, *, revision: int, fingerprint: str, first_tile: TileIndex) -> None:
+    """Say what the tiles of a map are that grows while it is read.
+
+    Its files keep their numbers while the grid is cut out anew: ``first_tile`` is the number of the grid's first one.
+    """
+    head = json.loads(_head_document(grid, revision, fingerprint)) | {"first_tile": list(first_tile)}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / _GRID_FILE, json.dumps(head, indent=1).encode())
+    except OSError as error:
+        raise _cannot_write(folder, error) from error
+
+
+def clear_tiles(folder: Path) -> None:
+    """Remove a map's tiles, its head first: no reader takes what is left for a map."""
+    try:
+        (folder / _GRID_FILE).unlink(missing_ok=True)
+        if folder.is_dir():
+            _remove_tiles(folder)
+    except OSError as error:
+        raise _cannot_write(folder, error) from error
 
 
 def encode_png(rgba: RgbaArray) -> bytes:
@@ -218,12 +247,20 @@ def _read_head(folder: Path) -> tuple[MapGrid, int, str]:
         raise DataError(f"{path}: damaged; render the map again") from error
 
 
+def _read_first(folder: Path) -> TileIndex:
+    try:
+        row, col = json.loads((folder / _GRID_FILE).read_text(encoding="utf-8")).get("first_tile", (0, 0))
+        return TileIndex(int(row), int(col))
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise DataError(f"{folder / _GRID_FILE}: damaged; render the map again") from error
+
+
 def _holds(folder: Path, grid: MapGrid, fingerprint: str) -> bool:
     try:
         known_grid, _, known_fingerprint = _read_head(folder)
     except DataError:
         return False
-    return known_grid == grid and known_fingerprint == fingerprint
+    return known_grid == grid and known_fingerprint == fingerprint and _read_first(folder) == TileIndex(0, 0)
 
 
 def _head_document(grid: MapGrid, revision: int, fingerprint: str) -> bytes:

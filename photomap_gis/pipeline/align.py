@@ -39,32 +39,52 @@ def track_shifts(
 
     Flights whose motion does not tell are not in it.
     """
-    tracks = list(mission.tracks)
-    if not tracks or mission.header.map_frame.crs_wkt is None:
+    if not list(mission.tracks) or mission.header.map_frame.crs_wkt is None:
         return {}
+    path = sequential_paths(frames, accepted, prepared)
+    found = {}
+    for track in mission.tracks:
+        shift = shift_of(track, path, mission.header.map_frame, _trials_s())
+        if shift is not None and abs(shift) > MIN_SHIFT_S:
+            found[track.flight] = shift
+    return found
+
+
+def sequential_paths(
+    frames: Sequence[FrameRef], accepted: Sequence[RegistrationRecord], prepared: Mapping[int, PreparedFrame]
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return by flight its longest unbroken path, by the sequential registrations alone: ``(N,)`` times and x + iy."""
     usable = [f for f in frames if prepared[f.index].usable]
     chain = [r for r in accepted if r.kind is EdgeKind.SEQUENTIAL]
     leanings = leanings_of({f.index: f for f in usable}, chain, prepared)
     relative = solve(graph_builder(usable, chain, prepared, MapFrame(None), leanings).snapshot())
     times = {f.index: when for f in usable if (when := frame_time_s(f)) is not None}
     flights = {f.index: f.flight for f in usable}
-    found = {}
-    for track in tracks:
-        segments: dict[int, list[int]] = {}
-        for pose in relative.poses:
-            if flights[pose.frame] == track.flight and pose.frame in times:
-                segments.setdefault(pose.segment, []).append(pose.frame)
-        if not segments:
-            continue
-        longest = max(segments.values(), key=len)
-        by_time = {times[f]: f for f in longest}
+    pose_of = {p.frame: p.T_map_plane for p in relative.poses}
+    segments: dict[tuple[int, int], list[int]] = {}
+    for pose in relative.poses:
+        if pose.frame in times:
+            segments.setdefault((flights[pose.frame], pose.segment), []).append(pose.frame)
+    longest: dict[int, list[int]] = {}
+    for (flight, _), members in segments.items():
+        if len(members) > len(longest.get(flight, ())):
+            longest[flight] = members
+    out = {}
+    for flight, members in longest.items():
+        by_time = {times[f]: f for f in members}
         time_s = np.array(sorted(by_time))
-        pose_of = {p.frame: p.T_map_plane for p in relative.poses}
-        path = np.array([complex(*pose_of[by_time[t]].translation) for t in time_s.tolist()])
-        shift = find_shift(time_s, path, _Places(track, mission.header.map_frame), MODEL, _trials_s())
-        if shift is not None and abs(shift) > MIN_SHIFT_S:
-            found[track.flight] = shift
-    return found
+        out[flight] = time_s, np.array([complex(*pose_of[by_time[t]].translation) for t in time_s.tolist()])
+    return out
+
+
+def shift_of(
+    track: FlightTrack, paths: Mapping[int, tuple[np.ndarray, np.ndarray]], map_frame: MapFrame, trials_s: np.ndarray
+) -> float | None:
+    """Return by which trial a track is older than its flight's pictures, ``None`` where the motion does not tell."""
+    if track.flight not in paths:
+        return None
+    time_s, path = paths[track.flight]
+    return find_shift(time_s, path, _Places(track, map_frame), MODEL, trials_s)
 
 
 def aligned(mission: Mission, frames: Sequence[FrameRef], shifts_s: Mapping[int, float]) -> tuple[FrameRef, ...]:

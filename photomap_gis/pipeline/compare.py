@@ -45,7 +45,7 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarit
 from photomap_gis.export.crs import crs_label
 from photomap_gis.export.footprint import to_wgs84, write_geojson
 from photomap_gis.export.geotiff import SIDE_SUFFIXES, bounded_cache, check_cog, draft_dataset, draft_to_cog
-from photomap_gis.export.vectors import VectorLayer, write_vectors
+from photomap_gis.export.vectors import VectorLayer, write_empty_layer, write_vectors
 from photomap_gis.georef import choose_map_frame
 from photomap_gis.parallel import map_jobs
 from photomap_gis.pipeline.compare_values import CompareOutputs, CompareSettings, CompareSummary, LaidOn
@@ -351,6 +351,10 @@ def write_areas(areas: list[ChangedArea], grid: MapGrid, path: Path, *, source: 
         for n, a in enumerate(areas, start=1)
     ]  # fmt: skip
     if path.suffix.lower() == ".gpkg":
+        if not areas:
+            kinds = {"id": int, "score": float, "score_max": float, "area_m2": float, "raster": str}
+            write_empty_layer(path, "change", geometry_type="Polygon", fields=kinds, crs_wkt=grid.crs_wkt)
+            return
         layer = VectorLayer("change", tuple(a.outline for a in areas), tuple(rows))
         write_vectors([layer], path, crs_wkt=grid.crs_wkt)
         return

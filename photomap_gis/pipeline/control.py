@@ -104,12 +104,17 @@ def keep_control(
         mission.save_control(control, text)
 
 
+def checks_of(control: ControlRecord) -> frozenset[str]:
+    """Return the names of the points and picks that test the map and have no part in its fit."""
+    return check_names([p.name for p in control.points], control.check) | frozenset(control.check_picks)
+
+
 def place_map(mission: Mission, control: ControlRecord, frames: Sequence[FrameRef], crs: str | None) -> None:
     """Give a mission without positions the place on Earth that two or more control points or picks tell.
 
     ``DataError`` where the points lie far from where the flight was.
     """
-    checks = check_names([p.name for p in control.points], control.check)
+    checks = checks_of(control)
     pictures = _Pictures(frames)
     used = [p for p in (*control.points, *control.picks) if p.name not in checks and pictures.of(p)]
     places = [GpsFix(float(lat), float(lon)) for lon, lat in _lonlat(used, control.source)] if used else []
@@ -147,7 +152,7 @@ def control_observations(
     ``views`` are those whose planes the graph's edges are between. Frames ``seen_level`` had their lean told by their
     registrations; of others a point off the middle is as uncertain as the lean that they may have makes it.
     """
-    checks = check_names([p.name for p in control.points], control.check)
+    checks = checks_of(control)
     level = set(seen_level)
     found: list[PointObservation] = []
     words: list[str] = []

@@ -21,12 +21,12 @@ from photomap_gis.export.finds import Find as FindPlace
 from photomap_gis.export.finds import read_finds
 from photomap_gis.export.poses import utc_text
 from photomap_gis.export.warp import ground_pixel_m, overview
+from photomap_gis.find_store import FINDS_FILE, SNAPSHOTS
 from photomap_gis.ingest.telemetry import read_track
 from photomap_gis.ingest.telemetry.modes import flies_by_itself
 from photomap_gis.mosaic import TileStore
 from photomap_gis.pipeline.solved import PASTED, Solved
 from photomap_gis.pipeline.summary import control_lines
-from photomap_gis.pipeline.writers import FINDS_FILE
 from photomap_gis.report import FlightTimes, MapPicture, Moment, PackedFile, Page, flight_times
 from photomap_gis.report.page import Find
 from photomap_gis.store import Mission
@@ -169,7 +169,7 @@ def _jpeg(rgba: np.ndarray) -> bytes:
 def finds_of(mission: Mission, solved: Solved) -> tuple[FindPlace, ...]:
     """Return what a mission with a place on Earth has of finds."""
     own = mission.folder / FINDS_FILE
-    return read_finds(own) if own.is_file() and solved.georeferenced else ()
+    return read_finds(own, may_be_none=True) if own.is_file() and solved.georeferenced else ()
 
 
 def write_finds(folder: Path, finds: Sequence[FindPlace], store: TileStore, base: Path) -> list[Find]:
@@ -178,6 +178,10 @@ def write_finds(folder: Path, finds: Sequence[FindPlace], store: TileStore, base
         return []
     (base / "finds").mkdir()
     shutil.copyfile(folder / FINDS_FILE, base / FINDS_FILE)
+    for find in finds:  # what was seen when it was marked; the names are ours, the numbers in the file are not
+        seen = folder / SNAPSHOTS / f"{find.id}.jpg"
+        if find.id.replace("-", "").isalnum() and seen.is_file():
+            shutil.copyfile(seen, base / "finds" / seen.name)
     g = store.grid
     lon_lat = np.array([(f.lon_deg, f.lat_deg) for f in finds])
     at = g.to_px(point_map(WGS84, str(g.crs_wkt), around_xy=lon_lat)(lon_lat))

@@ -74,7 +74,7 @@ class PackageSummary:
 
     def as_document(self) -> dict[str, Any]:
         """Return the JSON document of ``photomap package --json``."""
-        return asdict(self)
+        return asdict(self) | {"outputs": [str(self.package)]}
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,7 +63,7 @@ class SpectrumShelf:
             if frame in self._spectra:
                 self._spectra.move_to_end(frame)
                 return self._spectra[frame]
-        grey, mask = _load_working(self._mission, frame)
+        grey, mask = load_working(self._mission, frame)
         spectrum = make_spectrum(grey, mask=mask, index=frame)
         with self._lock:
             self._spectra[frame] = spectrum
@@ -94,11 +94,11 @@ def prepare_frames(
             if isinstance(frame, FrameReadError):
                 raise frame
             if ref.frame_number is not None:
-                _keep_video_frame(mission, frame)
+                keep_video_frame(mission, frame)
             work = make_working(frame.image, views[ref.index], size_px=settings.work_size_px)
         except FrameReadError as error:
             return _Small(ref, None, Similarity2D(), str(error))
-        _keep_working(mission, ref.index, work.grey, work.mask)
+        keep_working(mission, ref.index, work.grey, work.mask)
         # Judged is the raster as it came: levelling gives a sound frame straight, empty borders.
         raster = work.grey if work.mask is None else shrink_grey(to_grey(frame.image), settings.work_size_px)[0]
         return _Small(ref, raster, work.T_plane_work, None)
@@ -123,7 +123,7 @@ def prepare_frames(
         prepared[record.frame] = record
         done += 1
         on_progress("read", done, len(frames))
-    images = WorkingImages(partial(_load_working, mission.paths), partial(_keep_working, mission.paths))
+    images = WorkingImages(partial(load_working, mission.paths), partial(keep_working, mission.paths))
     judge_neighbours(mission, frames, prepared, images, workers=settings.workers, scheduler=settings.scheduler,
                      on_progress=on_progress)  # fmt: skip
     return prepared
@@ -161,16 +161,18 @@ def _contents(refs: Sequence[FrameRef]) -> Iterator[tuple[FrameRef, Frame | Fram
             yield from ((ref, FrameReadError(ref.problem) if ref.problem else None) for ref in group)
 
 
-def _keep_video_frame(mission: Mission, frame: Frame) -> None:
+def keep_video_frame(mission: Mission | MissionPaths, frame: Frame) -> None:
+    """Keep a frame of a video in the mission: it is what the map is drawn from."""
     ok, jpeg = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _VIDEO_JPEG_QUALITY])
     if not ok:
         raise OutputError(f"cannot encode frame {frame.ref.name}")
     write_file(mission.video_frame_path(frame.ref.index), jpeg.tobytes())
 
 
-def _keep_working(
+def keep_working(
     mission: Mission | MissionPaths, frame: int, grey: ImageArray, mask: npt.NDArray[np.bool_] | None
 ) -> None:
+    """Keep a frame's working image, and its mask where it has one."""
     # The mask, where there is one, is the second half of the picture's rows.
     picture = grey if mask is None else np.concatenate([grey, mask.astype(np.uint8) * 255])
     ok, png = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -180,7 +182,8 @@ def _keep_working(
     write_file(path.with_suffix(".masked.png") if mask is not None else path, png.tobytes())
 
 
-def _load_working(mission: Mission | MissionPaths, frame: int) -> tuple[ImageArray, npt.NDArray[np.bool_] | None]:
+def load_working(mission: Mission | MissionPaths, frame: int) -> tuple[ImageArray, npt.NDArray[np.bool_] | None]:
+    """Return a frame's working image and its mask; ``FrameReadError`` where it is gone."""
     path = mission.work_image_path(frame)
     masked = path.with_suffix(".masked.png")
     content = masked if masked.is_file() else path

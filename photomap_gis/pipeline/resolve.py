@@ -5,9 +5,10 @@ Nothing is registered again. The pictures are read once more, to draw the map wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from photomap_gis.core.similarity import FloatArray
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
 from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.align import aligned
-from photomap_gis.pipeline.control import ControlRequest, keep_control, keep_request, read_request
+from photomap_gis.pipeline.control import ControlRequest, checks_of, keep_control, keep_request, read_request
 from photomap_gis.pipeline.flight import StageClock, finish, settle
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.opening import keep_dem, keep_drawing, kept_settings
@@ -43,12 +44,16 @@ WGS84 = "EPSG:4326"
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """A place picked on the map, in the units of its CRS (x right or east, y up or north), and where it is in truth."""
+    """A place picked on the map, in the units of its CRS (x right or east, y up or north), and where it is in truth.
+
+    A pick for the ``check`` tests the map: it has no part in the fit.
+    """
 
     x: float
     y: float
     lat_deg: float
     lon_deg: float
+    check: bool = False
 
 
 def solve_again(
@@ -99,7 +104,7 @@ def georeference(
     def change(mission: Mission, solved: Solved, settings: MapSettings) -> None:
         kept = mission.load_control()
         if reset:
-            kept = replace(kept, picks=(), nudges=())
+            kept = replace(kept, picks=(), nudges=(), check_picks=())
         if picks:
             kept = _with_picks(kept, picks, solved, settings, piece)
         if nudge is not None:
@@ -208,17 +213,23 @@ def _with_picks(
     if apart.min() < MIN_PICKS_APART_PX * trajectory.gsd_m_per_px:
         raise UsageError("two picks lie at the same place of the map: pick places far apart")
     names = {p.name for p in (*control.points, *control.picks)}
-    fresh = (f"pick-{n}" for n in range(1, 10**6) if f"pick-{n}" not in names)
+    fresh = {False: _names("pick", names), True: _names("check", names)}
     added = tuple(
         ControlPoint(
-            next(fresh), WGS84, p.lon_deg, p.lat_deg, sigma_m=PICK_SIGMA_M, sightings=_seen_at(trajectory, place, p)
+            next(fresh[p.check]), WGS84, p.lon_deg, p.lat_deg,
+            sigma_m=PICK_SIGMA_M, sightings=_seen_at(trajectory, place, p),
         )
         for p, place in zip(picks, xy, strict=True)
-    )
-    control = replace(control, picks=(*control.picks, *added), nudges=())
-    if not solved.georeferenced and len(control.picks) + len(control.points) < 2:
+    )  # fmt: skip
+    checks = (point.name for p, point in zip(picks, added, strict=True) if p.check)
+    control = replace(control, picks=(*control.picks, *added), nudges=(), check_picks=(*control.check_picks, *checks))
+    if not solved.georeferenced and len(control.picks) + len(control.points) - len(checks_of(control)) < 2:
         raise UsageError("one pick cannot place a map: give two or more --pick X,Y=LAT,LON, far apart")
     return control
+
+
+def _names(word: str, taken: set[str]) -> Iterator[str]:
+    return (f"{word}-{n}" for n in count(1) if f"{word}-{n}" not in taken)
 
 
 def _seen_at(trajectory: Trajectory, xy_map: FloatArray, pick: Pick) -> tuple[Sighting, ...]:
@@ -232,8 +243,9 @@ def _seen_at(trajectory: Trajectory, xy_map: FloatArray, pick: Pick) -> tuple[Si
         if off <= 0.5:
             found.append((off, p.frame, Sighting(f"#{p.frame}", (float(px[0]), float(px[1])), PICK_SIGMA_PX)))
     if not found:
+        option = "--check-pick" if pick.check else "--pick"
         raise UsageError(
-            f"--pick {pick.x:g},{pick.y:g} is not on the map: X,Y are coordinates as a GIS shows them on map.tif"
+            f"{option} {pick.x:g},{pick.y:g} is not on the map: X,Y are coordinates as a GIS shows them on map.tif"
         )
     return tuple(s for _, _, s in sorted(found, key=lambda f: f[:2])[:PICTURES_A_PICK])
 

@@ -164,7 +164,8 @@ class Solved:
     def load(cls, mission: Mission) -> Solved:
         """Return the newest solution of a mission; ``DataError`` where there is none."""
         kept = mission.load_solution()
-        frames = tuple(mission.frames)
+        told = {r.frame for r in kept.placements}
+        frames = tuple(f for f in mission.frames if f.index in told)  # of a flight under way more may have come
         refs = {f.index: f for f in frames}
         ground = HeightField.level() if kept.ground is None else kept.ground.height_field
         placed = tuple(

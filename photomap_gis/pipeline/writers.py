@@ -32,6 +32,7 @@ from photomap_gis.export.tiles import write_tiles
 from photomap_gis.export.vectors import VectorLayer, write_vectors
 from photomap_gis.export.warp import ground_pixel_m, pixel_steps, target_grid
 from photomap_gis.export.words import MapWords
+from photomap_gis.find_store import FINDS_FILE
 from photomap_gis.mosaic import TileStore
 from photomap_gis.pipeline.formats import DEFAULT_NAMES, ExportOptions, Format
 from photomap_gis.pipeline.layers import write_map_layers
@@ -39,9 +40,6 @@ from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.pipeline.words import geotiff_tags
 from photomap_gis.store import Mission
-
-FINDS_FILE = "finds.geojson"
-"""Where a mission keeps its finds, where it has any."""
 
 OnProgress = Callable[[int, int], None]
 
@@ -107,7 +105,7 @@ class Request:
         if self.options.finds is not None:
             return read_finds(self.options.finds)
         own = self.mission.folder / FINDS_FILE
-        return read_finds(own) if own.is_file() else ()
+        return read_finds(own, may_be_none=True) if own.is_file() else ()
 
 
 def write_format(wanted: Format, request: Request, path: Path, on_progress: Progress) -> list[Written]:
@@ -231,7 +229,10 @@ def _vectors(r: Request, path: Path, on_progress: OnProgress) -> list[Written]:
     if (finds := r.finds) and map_crs is not None:
         lon_lat = [(f.lon_deg, f.lat_deg) for f in finds]
         places = point_map(WGS84, map_crs, around_xy=lon_lat)(lon_lat)
-        found = tuple({"name": f.name, "ce90_m": f.ce90_m, "time_utc": f.time_utc, "remarks": f.remarks} for f in finds)
+        found = tuple(
+            {"name": f.name, "ce90_m": f.ce90_m, "time_utc": f.time_utc, "remarks": f.remarks, "kind": f.kind or None}
+            for f in finds
+        )
         layers.append(VectorLayer("finds", tuple(Point(p) for p in places), found))
     crs = r.crs if s.georeferenced and path.suffix.lower() == ".gpkg" else None
     write_vectors(layers, path, crs_wkt=map_crs, crs=crs, area=r.area, words=r.words)

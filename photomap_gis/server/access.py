@@ -45,12 +45,14 @@ def is_loopback(host: str) -> bool:
 class Access:
     """The rules: ``token`` is asked for where it is not ``None``; ``loopback_only`` turns other Host names away.
 
-    ``cookie`` lets a browser that came with the token in its address keep it.
+    ``cookie`` lets a browser that came with the token in its address keep it. Writing is for those who hold the token
+    (or ``write_token``, for programs that need none to read), and for this server's own page.
     """
 
     token: str | None
     loopback_only: bool
     cookie: str = "photomap"
+    write_token: str | None = None
 
 
 class AccessMiddleware:
@@ -79,18 +81,26 @@ class AccessMiddleware:
         access = self._access
         if access.loopback_only and not is_loopback(_host_name(headers.get("host", ""))):
             return problem(403, "forbidden", "this server answers to localhost only: use the address that it printed")
-        if access.token is None:
+        writes = scope["method"] not in ("GET", "HEAD", "OPTIONS")
+        if access.token is None and not writes:
             return None
         query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
         given = next((v for k, v in query if k == "token"), None)
         bearer = headers.get("authorization", "")
         if given is None and bearer[:7].lower() == "bearer ":
             given = bearer[7:].strip()
-        if given is not None and secrets.compare_digest(given.encode(), access.token.encode()):
-            if scope["path"] == "/" and scope["method"] == "GET":
+        if given is not None and any(_same(given, t) for t in (access.token, access.write_token if writes else None)):
+            if access.token is not None and scope["path"] == "/" and scope["method"] == "GET":
                 return self._welcome([(k, v) for k, v in query if k != "token"])
             return None
-        if given is None and scope["method"] in ("GET", "HEAD") and self._has_cookie(headers.get("cookie", "")):
+        known = access.token is None or (given is None and self._has_cookie(headers.get("cookie", "")))
+        if known and not writes:
+            return None
+        if known:
+            if not _is_our_page(headers):
+                return problem(403, "origin", "writing is for this server's own page and for those who show the token")
+            if scope["method"] != "DELETE" and not _is_json(headers.get("content-type", "")):
+                return problem(415, "json", "what a page writes is JSON: send content-type: application/json")
             return None
         return problem(401, "token", "a token is needed: open the address with ?token=... that the server printed")
 
@@ -106,6 +116,25 @@ class AccessMiddleware:
         except CookieError:
             return False
         return kept is not None and secrets.compare_digest(kept.value.encode(), (self._access.token or "").encode())
+
+
+def _same(given: str, token: str | None) -> bool:
+    return token is not None and secrets.compare_digest(given.encode(), token.encode())
+
+
+def _is_json(content_type: str) -> bool:
+    return content_type.partition(";")[0].strip().lower() == "application/json"
+
+
+def _is_our_page(headers: dict[str, str]) -> bool:
+    """Whether a request that writes comes from a page of this server.
+
+    Browsers send ``Origin`` with every such request and let no page forge it; another page's JSON would besides need
+    leave that no answer of ours gives (CORS).
+    """
+    origin, host = headers.get("origin", ""), headers.get("host", "")
+    same = origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}") and host != ""
+    return same and headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none")
 
 
 def problem(status: int, error: str, message: str) -> Response:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -16,7 +16,7 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
-from starlette.routing import Route
+from starlette.routing import BaseRoute, Route
 
 from photomap_gis import __version__
 from photomap_gis.core.errors import PhotomapError, UsageError
@@ -24,37 +24,57 @@ from photomap_gis.export.encode import TileFormat
 from photomap_gis.server import vectors
 from photomap_gis.server.access import Access, AccessMiddleware, problem
 from photomap_gis.server.documents import mission_document, tile_json
+from photomap_gis.server.find_routes import FindApi
 from photomap_gis.server.host import Host
+from photomap_gis.server.live_mission import LiveMission
+from photomap_gis.server.live_routes import LiveApi
+from photomap_gis.server.live_tiles import live_tile, live_tile_json, live_value
 from photomap_gis.server.missions import ServedMission, Snapshot
 from photomap_gis.server.page import PageAssets
 from photomap_gis.server.protocol import (
     EventDocument,
+    MissionDocument,
     MissionsDocument,
     ServerDocument,
     ValueDocument,
 )
 from photomap_gis.server.wmts import capabilities
 
+_NO_FRAMES: dict[str, Any] = {"type": "FeatureCollection", "features": []}
 _WATCH_S = 1.0
 _CACHE_FOR_EVER = "private, max-age=31536000, immutable"
 
 
-def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Starlette:
-    """Return the application over a host's missions."""
+def create_app(
+    host: Host,
+    access: Access,
+    *,
+    watch_s: float = _WATCH_S,
+    further: Sequence[BaseRoute] = (),
+    on_close: Callable[[], None] | None = None,
+) -> Starlette:
+    """Return the application over a host's missions.
+
+    ``further`` are addresses of whoever builds on it, asked before our own; ``on_close`` is called when it ends.
+    """
     page = PageAssets()
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        host.attach(asyncio.get_running_loop())
         watcher = asyncio.create_task(_watch(host, watch_s))
         try:
             yield
         finally:
             watcher.cancel()
-            host.events.send(None)
+            host.close_streams()
+            if on_close is not None:
+                await run_in_threadpool(on_close)
             await run_in_threadpool(host.close)
 
     api = _Api(host, access)
     routes = [
+        *further,
         Route("/", page.index),
         Route("/assets/{name}", page.asset),
         Route("/api", api.server),
@@ -63,7 +83,8 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
         Route("/missions/{mission}", api.mission, methods=["GET"]),
         Route("/missions/{mission}/frames.geojson", api.geojson(vectors.frames_document)),
         Route("/missions/{mission}/track.geojson", api.geojson(vectors.track_document)),
-        Route("/missions/{mission}/finds.geojson", api.geojson(vectors.finds_document)),
+        *FindApi(host).routes,
+        *LiveApi(host).routes,
         Route("/missions/{mission}/wmts.xml", api.wmts),
         Route("/missions/{mission}/layers/{layer}/tiles.json", api.tilejson),
         Route("/missions/{mission}/layers/{layer}/value", api.value),
@@ -73,7 +94,7 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
         Route("/wmts.xml", api.wmts),
         Route("/tiles/{z}/{x}/{y}.{format}", api.tile),
     ]
-    return Starlette(
+    app = Starlette(
         routes=routes,
         lifespan=lifespan,
         middleware=[Middleware(AccessMiddleware, access=access)],
@@ -84,6 +105,8 @@ def create_app(host: Host, access: Access, *, watch_s: float = _WATCH_S) -> Star
             ClientDisconnect: lambda request, error: Response(status_code=400),
         },
     )
+    app.state.end_streams = host.close_streams  # see run.BoundServer
+    return app
 
 
 class _Api:
@@ -96,15 +119,18 @@ class _Api:
         return _json(ServerDocument(version=__version__, missions=self._host.ids))
 
     def missions(self, request: Request) -> Response:
-        return _json(MissionsDocument(missions=[mission_document(m, m.current()) for m in self._host.all()]))
+        return _json(MissionsDocument(missions=[_document_of(m) for m in self._host.all()]))
 
     def mission(self, request: Request) -> Response:
-        mission = self._mission(request)
-        return _json(mission_document(mission, mission.current()))
+        return _json(_document_of(self._mission(request)))
 
     def geojson(self, make: Callable[[Any], dict[str, Any]]) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
-            snapshot = self._mission(request).current()
+            mission = self._mission(request)
+            if isinstance(mission, LiveMission):
+                document = mission.track_document() if make is vectors.track_document else _NO_FRAMES
+                return JSONResponse(document, media_type="application/geo+json", headers={"cache-control": "no-store"})
+            snapshot = mission.current()
             etag = f'"{snapshot.epoch}"'
             headers = {"etag": etag, "cache-control": "private, no-cache"}
             if request.headers.get("if-none-match") == etag:
@@ -116,6 +142,8 @@ class _Api:
 
     def tile(self, request: Request) -> Response:
         mission = self._mission(request)
+        if isinstance(mission, LiveMission):
+            return live_tile(mission, request)
         snapshot = mission.current()
         layer = request.path_params.get("layer", "map")
         zoom, x, y = (_whole(request.path_params[k]) for k in "zxy")
@@ -137,15 +165,19 @@ class _Api:
 
     def tilejson(self, request: Request) -> Response:
         mission = self._mission(request)
-        snapshot = mission.current()
+        snapshot = mission if isinstance(mission, LiveMission) else mission.current()
         layer = self._layer(request, snapshot)
         if layer.scheme.kind != "webmercator":
             raise HTTPException(404, "this map has no place on Earth: only the page can show it")
         url = self._url(request, f"missions/{mission.id}/layers/{layer.id}/") + "{z}/{x}/{y}.png" + self._key()
-        return JSONResponse(tile_json(mission, snapshot, layer, url))
+        if isinstance(mission, LiveMission):
+            return JSONResponse(live_tile_json(mission, layer, url))
+        return JSONResponse(tile_json(mission, mission.current(), layer, url))
 
     def wmts(self, request: Request) -> Response:
         mission = self._mission(request)
+        if isinstance(mission, LiveMission):
+            raise HTTPException(404, "a flight under way has no WMTS: take its XYZ tiles, see tiles.json")
         snapshot = mission.current()
         if not snapshot.view.georeferenced:
             raise HTTPException(404, "this map has no place on Earth: only the page can show it")
@@ -159,7 +191,8 @@ class _Api:
         return Response(text, media_type="application/xml")
 
     def value(self, request: Request) -> Response:
-        snapshot = self._mission(request).current()
+        mission = self._mission(request)
+        snapshot = mission if isinstance(mission, LiveMission) else mission.current()
         layer = self._layer(request, snapshot)
         try:
             x, y = (float(request.query_params[k]) for k in "xy")
@@ -167,25 +200,27 @@ class _Api:
             raise HTTPException(400, "give the place by ?x=LON&y=LAT (a local map: its units)") from None
         if not (abs(x) < 1e12 and abs(y) < 1e12):
             raise HTTPException(400, "x and y must be finite numbers")
+        if isinstance(snapshot, LiveMission):
+            return _json(live_value(snapshot, layer, (x, y)))
         place = snapshot.place_in(layer, (x, y))
         found = None if place is None else layer.value_at(place)
         return _json(ValueDocument(value=found, units="" if layer.values is None else layer.values.units))
 
     async def events(self, request: Request) -> Response:
         first = [EventDocument(event="hello")]
-        snapshots = await run_in_threadpool(lambda: [(m.id, m.current().epoch) for m in self._host.all()])
+        snapshots = await run_in_threadpool(self._host.epochs)
         first += [EventDocument(event="mission", mission=id, epoch=epoch) for id, epoch in snapshots]
         return StreamingResponse(
             self._host.events.stream(first), media_type="text/event-stream", headers={"cache-control": "no-cache"}
         )
 
-    def _mission(self, request: Request) -> ServedMission:
+    def _mission(self, request: Request) -> ServedMission | LiveMission:
         try:
             return self._host.get(request.path_params.get("mission"))
         except KeyError:
             raise HTTPException(404, "no such mission") from None
 
-    def _layer(self, request: Request, snapshot: Snapshot) -> Any:
+    def _layer(self, request: Request, snapshot: Snapshot | LiveMission) -> Any:
         try:
             return snapshot.layer(request.path_params.get("layer", "map"))
         except KeyError:
@@ -196,6 +231,12 @@ class _Api:
 
     def _key(self) -> str:
         return "" if self._access.token is None else f"?token={quote(self._access.token)}"
+
+
+def _document_of(mission: ServedMission | LiveMission) -> MissionDocument:
+    if isinstance(mission, LiveMission):
+        return mission.mission_document()
+    return mission_document(mission, mission.current())
 
 
 async def _watch(host: Host, every_s: float) -> None:
@@ -226,7 +267,7 @@ def _json(document: BaseModel, status: int = 200) -> Response:
 
 def _http_problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    names = {400: "request", 404: "not_found", 405: "method"}
+    names = {400: "request", 404: "not_found", 405: "method", 413: "too_large", 429: "busy"}
     return problem(error.status_code, names.get(error.status_code, "http"), error.detail)
 
 

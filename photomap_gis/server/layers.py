@@ -110,6 +110,11 @@ class Layer:
         x, y = self.values.grid.to_px([xy_crs])[0]
         return self.values.value_at((float(x), float(y)))
 
+    def around(self, xy_crs: tuple[float, float], side_px: int) -> npt.NDArray[np.uint8]:
+        """``(side, side, 4)`` RGBA of its finest pixels about a place of its CRS."""
+        x, y = (round(float(v)) for v in self.grid.to_px([xy_crs])[0])
+        return self._sources[0].read(Window(x - side_px // 2, y - side_px // 2, side_px, side_px))
+
     def close(self) -> None:
         """Let go of its files."""
         for file in self._files:

@@ -14,6 +14,12 @@ _OURS = {
     "page.js": "text/javascript",
     "overlays.js": "text/javascript",
     "coordinates.js": "text/javascript",
+    "finds.js": "text/javascript",
+    "layers.js": "text/javascript",
+    "live.js": "text/javascript",
+    "liveoverlays.js": "text/javascript",
+    "livetiles.js": "text/javascript",
+    "liveview.js": "text/javascript",
     "page.css": "text/css",
     "openlayers-license.txt": "text/plain",
 }

@@ -86,6 +86,8 @@ class MissionDocument(Document):
     accuracy_words: list[str]
     warnings: list[str]
     links: dict[str, str]
+    live: Any | None = None
+    """A flight that is under way: its ``LiveDocument``."""
 
 
 class MissionsDocument(Document):

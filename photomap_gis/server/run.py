@@ -47,7 +47,7 @@ class BoundServer:
             server_header=False,
             h11_max_incomplete_event_size=64 << 10,
         )
-        self._server = _Announcing(config, on_ready)
+        self._server = _Announcing(config, on_ready, getattr(app.state, "end_streams", None))
         self._server.run(sockets=[self._socket])
 
     def stop(self) -> None:
@@ -57,9 +57,17 @@ class BoundServer:
 
 
 class _Announcing(uvicorn.Server):
-    def __init__(self, config: uvicorn.Config, on_ready: Callable[[], None]) -> None:
+    def __init__(
+        self, config: uvicorn.Config, on_ready: Callable[[], None], end_streams: Callable[[], None] | None
+    ) -> None:
         super().__init__(config)
-        self._on_ready = on_ready
+        self._on_ready, self._end_streams = on_ready, end_streams
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        # The application learns of its end only when all connections have ended: those that never would are told first.
+        if self._end_streams is not None:
+            self._end_streams()
+        await super().shutdown(sockets)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)

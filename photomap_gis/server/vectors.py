@@ -6,7 +6,6 @@ GeoTIFF has them.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -15,20 +14,15 @@ from typing import Any
 import numpy as np
 
 from photomap_gis.core.frame import FrameRef
-from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.placement import FramePlacement
-from photomap_gis.core.similarity import FloatArray
-from photomap_gis.export.crs import WGS84, point_map
+from photomap_gis.server.placer import Placer
 from photomap_gis.server.view import MissionView
-
-_DEGREE_DIGITS, _LOCAL_DIGITS = 8, 2
-_MAX_FINDS_BYTES = 32 << 20
 
 
 def frames_document(view: MissionView) -> dict[str, Any]:
     """Return one feature a frame, in the order of time: its outline on the ground, ``null`` where it has no place."""
     placed = {p.frame: p for p in view.placements}
-    place = _Placer(view.map_frame, view.placements)
+    place = _placer(view)
     features = []
     for order, ref in enumerate(in_time(view.frames)):
         p = placed.get(ref.index)
@@ -56,7 +50,7 @@ def frames_document(view: MissionView) -> dict[str, Any]:
 def track_document(view: MissionView) -> dict[str, Any]:
     """Return the path over ground of each flight and piece: lines through frame centres, in the order of time."""
     placed = {p.frame: p for p in view.placements}
-    place = _Placer(view.map_frame, view.placements)
+    place = _placer(view)
     lines: dict[tuple[int, int], list[tuple[FrameRef, list[float]]]] = {}
     for ref in in_time(view.frames):
         p = placed.get(ref.index)
@@ -81,18 +75,8 @@ def track_document(view: MissionView) -> dict[str, Any]:
     return _collection(features, view)
 
 
-def finds_document(view: MissionView) -> dict[str, Any]:
-    """Return the mission's finds (``finds.geojson`` in its folder), empty where there are none or they are damaged."""
-    path = view.folder / "finds.geojson"
-    features: list[Any] = []
-    try:
-        if path.is_file() and path.stat().st_size <= _MAX_FINDS_BYTES:
-            document = json.loads(path.read_text(encoding="utf-8"))
-            found = document.get("features", []) if isinstance(document, dict) else []
-            features = [f for f in found if isinstance(f, dict) and f.get("type") == "Feature"]
-    except (OSError, ValueError, RecursionError):
-        features = []
-    return _collection(features, view)
+def _placer(view: MissionView) -> Placer:
+    return Placer(view.map_frame, [p.centre_xy_map_m for p in view.placements])
 
 
 def in_time(frames: Iterable[FrameRef]) -> list[FrameRef]:
@@ -113,31 +97,7 @@ def utc_of(ref: FrameRef) -> str | None:
         return None
 
 
-class _Placer:
-    """Plan to bring points of the internal map frame into the document's coordinates."""
-
-    def __init__(self, frame: MapFrame, placements: Iterable[FramePlacement]) -> None:
-        self._frame = frame
-        self.digits = _LOCAL_DIGITS if frame.crs_wkt is None else _DEGREE_DIGITS
-        self._to = None
-        if frame.crs_wkt is not None:
-            centres = np.array([p.centre_xy_map_m for p in placements]).reshape(-1, 2)
-            centres = centres[np.isfinite(centres).all(axis=1)]
-            around = frame.to_crs(centres if len(centres) else [[0.0, 0.0]])
-            self._to = point_map(frame.crs_wkt, WGS84, around_xy=around)
-
-    def __call__(self, xy_map: FloatArray) -> list[list[float]]:
-        xy = self._frame.to_crs(xy_map)
-        if self._to is not None:
-            xy = self._to(xy)
-            if len(xy) and np.isfinite(xy).all():  # an outline across the antimeridian runs on, it does not jump
-                xy[:, 0] = xy[0, 0] + (xy[:, 0] - xy[0, 0] + 180.0) % 360.0 - 180.0
-        return [
-            [round(float(x), self.digits), round(float(y), self.digits)] for x, y in xy if np.isfinite([x, y]).all()
-        ]
-
-
-def _pose(p: FramePlacement, place: _Placer) -> dict[str, Any]:
+def _pose(p: FramePlacement, place: Placer) -> dict[str, Any]:
     centre = place(p.centre_xy_map_m[None])
     if not centre:
         return {}

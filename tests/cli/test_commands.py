@@ -107,6 +107,7 @@ def test_export_defaults_to_the_current_folder(mission, monkeypatch, capsys):
         (["georeference", "{mission}"], 2, "--pick X,Y=LAT,LON"),
         (["georeference", "{mission}", "--pick", "1,2=3"], 2, "write X,Y=LAT,LON"),
         (["georeference", "{mission}", "--pick", "1,2=97,3"], 2, "latitude comes first"),
+        (["georeference", "{mission}", "--check-pick", "1,2=97,3"], 2, "--check-pick 1,2=97,3: latitude"),
         (["georeference", "{mission}", "--pick", "1,2=53,8"], 2, "not on the map"),
         (["georeference", "{mission}", "--nudge", "1,nan"], 2, "EAST,NORTH"),
         (["simulate", "{tmp}/no.tif", "-o", "{tmp}/s"], 3, "no.tif"),

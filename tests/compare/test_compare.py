@@ -5,6 +5,7 @@ import sqlite3
 from pathlib import Path
 
 import numpy as np
+import pyogrio
 import pytest
 import rasterio
 from click.testing import CliRunner
@@ -75,6 +76,12 @@ def test_nothing_has_changed_between_a_map_and_itself(compared, tmp_path):
     summary = compare_maps(compared.new, compared.new, CompareOutputs.of(tmp_path / "same.tif"))
     assert summary.areas == 0 and summary.changed_m2 == 0.0
     assert json.loads((tmp_path / "same.geojson").read_text())["features"] == []
+    # A GeoPackage says the same: a layer that holds nothing, with the fields that a GIS expects.
+    outputs = CompareOutputs.of(tmp_path / "same.tif", tmp_path / "same.gpkg")
+    compare_maps(compared.new, compared.new, outputs)
+    info = pyogrio.read_info(tmp_path / "same.gpkg", layer="change")
+    assert (info["features"], info["geometry_type"]) == (0, "Polygon")
+    assert list(info["fields"]) == ["id", "score", "score_max", "area_m2", "raster"]
 
 
 def test_other_crs_bits_and_bands_give_the_same_areas(compared, tmp_path):

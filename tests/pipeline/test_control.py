@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from photomap_gis.core.ground import HeightField
 from photomap_gis.core.placement import FramePlacement, PlanePlacement, PosedPlacement
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.georef import plane_view, resolve_crs
+from photomap_gis.georef import crs_to_lonlat, plane_view, resolve_crs
 from photomap_gis.pipeline import ControlRequest, Pick, export_mission, georeference, map_flight, solve_again
 from photomap_gis.pipeline.control import ControlResult, control_observations, misses_its_points, moved
 from photomap_gis.pipeline.deliver import Format
@@ -157,6 +158,8 @@ def test_picks_place_a_relative_map_without_registering_again(flown, tmp_path):
         picks.append(Pick(float(x), float(y), float(lat), float(lon)))
     with pytest.raises(UsageError, match="two or more"):
         georeference(folder, picks=picks[:1])
+    with pytest.raises(UsageError, match="two or more"):
+        georeference(folder, picks=[picks[0], replace(picks[1], check=True)])
     with pytest.raises(UsageError, match="not on the map"):
         georeference(folder, picks=[picks[0], Pick(1e7, 1e7, 53.0, 8.0)])
     with pytest.raises(UsageError, match="--pick or --gcp"):
@@ -170,6 +173,24 @@ def test_picks_place_a_relative_map_without_registering_again(flown, tmp_path):
     assert errors.absolute_rmse_m < 2.0
     assert all(r.used and r.miss.miss_m < 0.3 for r in placed.control)
     assert solve_again(folder).control == placed.control
+
+
+def test_a_check_pick_tells_what_the_map_misses_and_does_not_bend_it(mapped, mission):
+    with Mission.open(mission) as kept:
+        solved = Solved.load(kept)
+    picks = []
+    for p, east_m, check in zip(solved.trajectory.placements[::4], (0.0, 0.0, 5.0), (False, False, True), strict=False):
+        x, y = solved.map_frame.to_crs(p.camera_to_map.project(p.centre_xy_px))[0]
+        ((lon, lat),) = crs_to_lonlat(solved.map_frame.crs_wkt, np.array([[x + east_m, y]]))
+        picks.append(Pick(float(x), float(y), float(lat), float(lon), check=check))
+    summary = georeference(mission, picks=picks)
+    assert [(r.miss.name, r.check, r.used) for r in summary.control] == [
+        ("pick-1", False, True), ("pick-2", False, True), ("check-1", True, False)
+    ]  # fmt: skip
+    assert summary.control[2].miss.east_m == pytest.approx(-5.0, abs=0.3), "map minus given place"
+    assert max(r.miss.miss_m for r in summary.control[:2]) < 0.5
+    assert summary.as_document()["accuracy"]["n"] == 1
+    assert georeference(mission, reset=True).control == ()
 
 
 def test_a_nudge_moves_the_map_and_later_solves_keep_it(mapped, mission):

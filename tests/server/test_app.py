@@ -211,9 +211,11 @@ def test_hostile_paths_get_a_404_that_says_nothing_of_the_disk(client, path):
 
 
 def test_only_reading(client):
+    ours = {"origin": "http://127.0.0.1", "content-type": "application/json"}
     for method in ("POST", "PUT", "DELETE", "PATCH"):
-        assert client.request(method, "/missions/1").status_code == 405
-        assert client.request(method, "/tiles/0/0/0.png").status_code == 405
+        for path in ("/missions/1", "/tiles/0/0/0.png"):
+            assert client.request(method, path, headers=ours).status_code == 405
+            assert client.request(method, path).status_code in (403, 415)
 
 
 def test_a_foreign_name_for_this_machine_is_turned_away(client):
@@ -319,7 +321,12 @@ def test_a_changed_mission_is_told_to_listeners(mission):
 def test_the_protocol_document_names_every_address_and_field(client):
     text = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
     for route in client.app.routes:
-        path = route.path.replace("{mission}", "1").replace("{layer}", "LAYER").replace("{format}", "png")
+        path = (
+            route.path.replace("{mission}", "1")
+            .replace("{layer}", "LAYER")
+            .replace("{format}", "png")
+            .replace("{find}", "ID")
+        )
         assert path.startswith("/assets") or f"`{path}" in text, path
     document = client.get("/missions/1").json()
     layer = next(v for v in document["layers"] if v["legend"])

@@ -9,7 +9,6 @@ from __future__ import annotations
 import mmap
 import struct
 from collections import Counter, defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -30,20 +29,20 @@ from photomap_gis.ingest.telemetry.rotations import (
     multiply,
     quaternions_of_euler,
 )
-from photomap_gis.ingest.telemetry.track import Clock, ModeChange, Track, Trigger
+from photomap_gis.ingest.telemetry.track import Clock, ModeChange, Track, TrackPoint, Trigger
 
 _V1, _V2 = 0xFE, 0xFD
-_WANTED = {
+WANTED = {
     mavlink.mavlink_map[i].msgname: mavlink.mavlink_map[i] for i in (0, 2, 24, 30, 31, 33, 112, 158, 180, 263, 265, 285)
 }
-_BY_ID = {m.id: m for m in _WANTED.values()}
+_BY_ID = {m.id: m for m in WANTED.values()}
 _FIRST_UNIX_US, _LAST_UNIX_US = 946_684_800_000_000, 4_102_444_800_000_000  # the years 2000 to 2100
 _YAW_IN_VEHICLE_FRAME, _YAW_IN_EARTH_FRAME, _YAW_LOCK = 32, 64, 16
 _3D_FIX = 3
 
 
 @dataclass(slots=True)
-class _Messages:
+class Messages:
     """The wanted messages of one vehicle: per kind the record's time and the decoded fields by name."""
 
     of: dict[str, list[tuple[float, dict[str, Any]]]] = field(default_factory=lambda: defaultdict(list))
@@ -78,7 +77,7 @@ def read_tlog(path: Path) -> Track:
     return _track(vehicles[chosen], path, warnings)
 
 
-def _rank(m: _Messages) -> tuple[int, int]:
+def _rank(m: Messages) -> tuple[int, int]:
     return len(m.of["GLOBAL_POSITION_INT"]) + len(m.of["GPS_RAW_INT"]), len(m.of["ATTITUDE"])
 
 
@@ -99,9 +98,9 @@ def _packet_at(data: bytes | mmap.mmap, at: int, size: int) -> tuple[int, int, i
     return None
 
 
-def _scan(data: mmap.mmap) -> tuple[dict[int, _Messages], int]:
+def _scan(data: mmap.mmap) -> tuple[dict[int, Messages], int]:
     """Cut the log into packets and decode the wanted ones, per system id."""
-    vehicles: dict[int, _Messages] = defaultdict(_Messages)
+    vehicles: dict[int, Messages] = defaultdict(Messages)
     at, skipped, size = 0, 0, len(data)
     while at + 16 <= size:
         record = _packet_at(data, at, size)
@@ -144,7 +143,7 @@ def _decode(data: mmap.mmap, start: int, kind: Any) -> dict[str, Any] | None:
     return fields
 
 
-def _track(m: _Messages, path: Path, warnings: list[str]) -> Track:
+def _track(m: Messages, path: Path, warnings: list[str]) -> Track:
     boot_to_utc_s = _boot_to_utc_s(m)
     positions = _positions(m, boot_to_utc_s)
     body = Turns.of_euler(
@@ -169,7 +168,20 @@ def _track(m: _Messages, path: Path, warnings: list[str]) -> Track:
     )
 
 
-def _boot_to_utc_s(m: _Messages) -> float:
+def points_of_messages(m: Messages) -> tuple[TrackPoint, ...]:
+    """Return the camera's track as far as messages tell it, on the vehicle's own clock (seconds since its boot)."""
+    positions = _positions(m, 0.0)
+    body = Turns.of_euler(
+        m.column("ATTITUDE", "time_boot_ms") / 1e3,
+        roll_rad=m.column("ATTITUDE", "roll"),
+        pitch_rad=m.column("ATTITUDE", "pitch"),
+        yaw_rad=m.column("ATTITUDE", "yaw"),
+    )
+    points, _ = points_of(positions, body, _gimbal(m, 0.0, body, Path("mavlink"), []))
+    return points
+
+
+def _boot_to_utc_s(m: Messages) -> float:
     """What to add to the vehicle's seconds since boot to reach UTC: by its own clock, else by the ground station's."""
     pairs = [
         int(f["time_unix_usec"]) / 1e6 - int(f["time_boot_ms"]) / 1e3
@@ -191,7 +203,7 @@ def _utc_s(stamps_us: np.ndarray, boot_to_utc_s: float) -> np.ndarray:
     return np.where(stamps_us > _FIRST_UNIX_US, stamps_us / 1e6, stamps_us / 1e6 + boot_to_utc_s)
 
 
-def _positions(m: _Messages, boot_to_utc_s: float) -> Positions:
+def _positions(m: Messages, boot_to_utc_s: float) -> Positions:
     """Return the estimator's positions where there are any, else the receiver's."""
     raw_s = _utc_s(m.column("GPS_RAW_INT", "time_usec"), boot_to_utc_s)
     accuracy = m.column("GPS_RAW_INT", "h_acc") / 1e3
@@ -218,7 +230,7 @@ def _positions(m: _Messages, boot_to_utc_s: float) -> Positions:
     )
 
 
-def _gimbal(m: _Messages, boot_to_utc_s: float, body: Turns, path: Path, warnings: list[str]) -> Turns | None:
+def _gimbal(m: Messages, boot_to_utc_s: float, body: Turns, path: Path, warnings: list[str]) -> Turns | None:
     """Return the gimbal's own attitude from the best message that tells it, ``None`` where none does."""
     kind = next((k for k in ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS") if m.of[k]), None)
     if kind is None:
@@ -247,13 +259,13 @@ def _gimbal(m: _Messages, boot_to_utc_s: float, body: Turns, path: Path, warning
     return Turns.of_euler(times_s, roll_rad=roll, pitch_rad=pitch, yaw_rad=heading)
 
 
-def _record_to_utc_s(m: _Messages, boot_to_utc_s: float) -> float:
+def _record_to_utc_s(m: Messages, boot_to_utc_s: float) -> float:
     """What to add to the ground station's clock to reach UTC."""
     ahead = [float(f["time_boot_ms"]) / 1e3 + boot_to_utc_s - record_s for record_s, f in m.of["ATTITUDE"]]
     return median(ahead) if ahead else 0.0
 
 
-def _triggers(m: _Messages, boot_to_utc_s: float) -> tuple[Trigger, ...]:
+def _triggers(m: Messages, boot_to_utc_s: float) -> tuple[Trigger, ...]:
     """Return the shots: with position and attitude where the autopilot gives them, else their moments."""
     if m.of["CAMERA_FEEDBACK"]:
         kind = "CAMERA_FEEDBACK"
@@ -289,7 +301,7 @@ def _triggers(m: _Messages, boot_to_utc_s: float) -> tuple[Trigger, ...]:
     )
 
 
-def _modes(m: _Messages, record_to_utc_s: float) -> tuple[ModeChange, ...]:
+def _modes(m: Messages, record_to_utc_s: float) -> tuple[ModeChange, ...]:
     """Return the changes of the flight mode, by name where the autopilot's numbers are known.
 
     A heartbeat tells no time: its record's is taken, whose clock is ``record_to_utc_s`` behind UTC.
@@ -299,21 +311,23 @@ def _modes(m: _Messages, record_to_utc_s: float) -> tuple[ModeChange, ...]:
     if not autopilots:
         return ()
     kinds = {f["autopilot"] for _, f in m.of["HEARTBEAT"]}
-    if mavlink.MAV_AUTOPILOT_PX4 in kinds:
-        names_of: Callable[[int], str] = px4_mode
-    else:
-        names = _mode_names(int(autopilots.most_common(1)[0][0]))
-
-        def names_of(mode: int) -> str:
-            return names.get(mode, f"mode {mode}")
-
+    is_px4 = mavlink.MAV_AUTOPILOT_PX4 in kinds
+    autopilot = mavlink.MAV_AUTOPILOT_PX4 if is_px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    vehicle = int(autopilots.most_common(1)[0][0])
     for record_s, f in m.of["HEARTBEAT"]:
         if f["autopilot"] == mavlink.MAV_AUTOPILOT_INVALID:
             continue  # a gimbal or camera of the same vehicle
-        name = names_of(int(f["custom_mode"]))
+        name = mode_name(autopilot, vehicle, int(f["custom_mode"]))
         if not modes or modes[-1].name != name:
             modes.append(ModeChange(record_s + record_to_utc_s, name))
     return tuple(modes)
+
+
+def mode_name(autopilot: int, vehicle_type: int, mode: int) -> str:
+    """Return a flight mode's name by the numbers of a heartbeat."""
+    if autopilot == mavlink.MAV_AUTOPILOT_PX4:
+        return px4_mode(mode)
+    return _mode_names(vehicle_type).get(mode, f"mode {mode}")
 
 
 def _mode_names(vehicle_type: int) -> dict[int, str]:

@@ -25,29 +25,30 @@ def plan_geojson(plan: SurveyPlan) -> str:
         "covered_share": plan.covered_share,
         "gsd_m_per_px": plan.gsd_m_per_px,
         "warnings": list(plan.warnings),
-        "features": list(_features(plan)),
+        "features": list(plan_features(plan)),
     }
     return json.dumps(collection, indent=1, allow_nan=False) + "\n"
 
 
-def _features(plan: SurveyPlan) -> Iterator[Json]:
+def plan_features(plan: SurveyPlan) -> Iterator[Json]:
+    """Yield area, zones, gaps, home, and each sortie's path, lanes and waypoints."""
     for kind, polygons in (("area", plan.area), ("avoid", plan.avoid), ("uncovered", plan.uncovered)):
         for polygon in polygons:
-            yield _feature({"type": "Polygon", "coordinates": _rings(polygon)}, kind=kind)
+            yield feature({"type": "Polygon", "coordinates": rings_of(polygon)}, kind=kind)
     if plan.home is not None:
-        yield _feature({"type": "Point", "coordinates": [plan.home[1], plan.home[0]]}, kind="home")
+        yield feature({"type": "Point", "coordinates": [plan.home[1], plan.home[0]]}, kind="home")
     for number, sortie in enumerate(plan.sorties, 1):
         facts = {"photos": sortie.photos, "length_m": sortie.length_m, "duration_s": sortie.duration_s}
         path = _line(sortie.waypoints)
         if path is not None:
-            yield _feature(path, kind="path", sortie=number, **facts)
+            yield feature(path, kind="path", sortie=number, **facts)
         for i, lane in enumerate(lanes_of(sortie), 1):
             line = _line(lane)
             if line is not None:
-                yield _feature(line, kind="lane", sortie=number, lane=i)
+                yield feature(line, kind="lane", sortie=number, lane=i)
         for i, waypoint in enumerate(sortie.waypoints, 1):
             point = {"type": "Point", "coordinates": [waypoint.lon_deg, waypoint.lat_deg]}
-            yield _feature(point, kind="waypoint", sortie=number, seq=i, **waypoint_facts(plan, waypoint))
+            yield feature(point, kind="waypoint", sortie=number, seq=i, **waypoint_facts(plan, waypoint))
 
 
 def waypoint_facts(plan: SurveyPlan, waypoint: Waypoint) -> Json:
@@ -71,11 +72,13 @@ def waypoint_facts(plan: SurveyPlan, waypoint: Waypoint) -> Json:
     }
 
 
-def _feature(geometry: Json, **properties: object) -> Json:
+def feature(geometry: Json, **properties: object) -> Json:
+    """Return a GeoJSON feature."""
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _rings(polygon: GeoPolygon) -> list[list[list[float]]]:
+def rings_of(polygon: GeoPolygon) -> list[list[list[float]]]:
+    """Return a polygon's rings as GeoJSON has them."""
     return [[[lon, lat] for lon, lat in ring] for ring in polygon.rings]
 
 

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from photomap_gis.core.errors import DataError, OutputError
 from photomap_gis.mission_planner.mavlink.state import Message
 from photomap_gis.mission_planner.mavlink.talk import Address
-from photomap_gis.mission_planner.mavlink.transport import Transport
+from photomap_gis.vehicle_link import Transport
 
 _SIGNING_EPOCH_S = 1_420_070_400  # 2015-01-01, in steps of 10 us
 _KEY_BYTES = 32

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from photomap_gis.mission_planner.mavlink.link import MavlinkLink
 from photomap_gis.mission_planner.mavlink.talk import Address, Patience, Steps, Talk, converse
-from photomap_gis.mission_planner.mavlink.transport import open_transport, parse_url
+from photomap_gis.vehicle_link import open_transport, parse_url
 
 T = TypeVar("T")
 

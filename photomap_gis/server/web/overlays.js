@@ -55,9 +55,12 @@ export function trackStyle(state) {
   };
 }
 
+/** The colours of finds by kind. */
+export const FIND_COLOURS = { intruder: "#d00000", victim: "#e07a00", hazard: "#b59b00", other: "#0b5cad" };
+
 export function findStyle(feature) {
   return new ol.style.Style({
-    image: new ol.style.Circle({ radius: 7, fill: fill("#c1121f"), stroke: stroke("#fff", 2) }),
+    image: new ol.style.Circle({ radius: 7, fill: fill(FIND_COLOURS[feature.get("kind")] ?? "#c1121f"), stroke: stroke("#fff", 2) }),
     text: new ol.style.Text({
       text: String(feature.get("name") ?? ""), offsetY: -16, font: "13px system-ui, sans-serif",
       fill: fill("#1b1f22"), stroke: stroke("#fff", 4),

@@ -1,6 +1,10 @@
 // The page of `photomap serve`: a mission's layers, what lies over them, and where the cursor is.
 
 import { lengthM, placeWords } from "./coordinates.js";
+import { Finds } from "./finds.js";
+import { Live } from "./live.js";
+import { legendOf, swipe, timeWords, valueWords } from "./layers.js";
+import { LiveTiles } from "./livetiles.js";
 import { Measuring, findStyle, footprintStyle, geojsonLayer, trackStyle } from "./overlays.js";
 
 const $ = id => document.getElementById(id);
@@ -10,14 +14,6 @@ const get = async url => {
   if (!answer.ok) throw new Error(document_.message ?? answer.statusText);
   return document_;
 };
-
-const timeWords = utc => utc?.replace("T", " ").replace(/\.000Z$|Z$/, " UTC") ?? "time unknown";
-
-/** A layer's number in its units; seconds since 1970 are a time. */
-function valueWords(value, units, digits) {
-  if (units.startsWith("s since 1970")) return timeWords(new Date(value * 1000).toISOString());
-  return `${Number(value.toPrecision(digits))} ${units}`.trim();
-}
 
 class Page {
   constructor(mission) {
@@ -50,30 +46,63 @@ class Page {
     this.tell();
     this.makeRasters();
     this.fit();
+    this.marks = new Finds(this);
+    this.live = mission.live ? new Live(this) : null;
     this.listen();
+  }
+
+  /** A place of the documents as the map has it, and back. */
+  at(place) { return this.georeferenced ? ol.proj.fromLonLat(place) : place; }
+  place(coordinate) { return this.georeferenced ? ol.proj.toLonLat(coordinate) : coordinate; }
+
+  /** How long a metre (of a map without a place: one of its units) is there in the map's projection. */
+  unitsPerMetre(at) {
+    return this.georeferenced ? 1 / Math.cos(ol.proj.toLonLat(at)[1] * Math.PI / 180) : 1;
+  }
+
+  extentOfBounds(bounds) {
+    return this.georeferenced ? ol.proj.transformExtent(bounds, "EPSG:4326", this.projection) : bounds;
+  }
+
+  toast(words) {
+    $("toast").textContent = words;
+    $("toast").hidden = !words;
+    clearTimeout(this.toasting);
+    this.toasting = setTimeout(() => { $("toast").hidden = true; }, 6000);
+  }
+
+  async getOrNull(url) {
+    try { return await get(url); } catch { return null; }
+  }
+
+  async send(method, url, body) {
+    const json = body === undefined ? {} : { headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
+    const answer = await fetch(url, { method, ...json });
+    if (!answer.ok) throw new Error((await answer.json().catch(() => null))?.message ?? answer.statusText);
+    return answer.status === 204 ? null : answer.json();
   }
 
   resolution(layer) {
     return this.georeferenced ? 2 * Math.PI * 6378137 / 256 / 2 ** layer.scheme.max_zoom : layer.scheme.unit_per_px;
   }
 
-  extentOf(layer) {
-    const bounds = layer.scheme.bounds;
-    return this.georeferenced ? ol.proj.transformExtent(bounds, "EPSG:4326", this.projection) : bounds;
-  }
+  extentOf(layer) { return this.extentOfBounds(layer.scheme.bounds); }
 
+  /** A layer's tiles: of a finished map as they are, of one that grows as they become (and wherever it grows to). */
   sourceOf(layer) {
     const { scheme } = layer, levels = [...Array(scheme.max_zoom + 1).keys()];
-    const size = this.resolution(layer);
-    return new ol.source.TileImage({
+    const size = this.resolution(layer), growing = Boolean(this.mission.live);
+    const url = ([z, x, y]) => layer.tiles.replace("{z}", z).replace("{x}", x).replace("{y}", y);
+    const options = {
       projection: this.projection,
-      tileUrlFunction: ([z, x, y]) => layer.tiles.replace("{z}", z).replace("{x}", x).replace("{y}", y),
       tileGrid: new ol.tilegrid.TileGrid({
         origin: scheme.origin_xy, resolutions: levels.map(z => size * 2 ** (scheme.max_zoom - z)),
-        tileSize: scheme.tile_px, minZoom: Math.min(scheme.min_zoom, scheme.max_zoom), extent: this.extentOf(layer),
+        tileSize: scheme.tile_px, minZoom: Math.min(scheme.min_zoom, scheme.max_zoom),
+        ...(growing ? {} : { extent: this.extentOf(layer) }),
       }),
       interpolate: true, wrapX: this.georeferenced,
-    });
+    };
+    return growing ? new LiveTiles(this.map, options, url) : { source: new ol.source.TileImage({ ...options, tileUrlFunction: url }) };
   }
 
   tell() {
@@ -96,14 +125,16 @@ class Page {
     this.rasters.clear();
     const order = { map: 1, layer: 2, before: 3 };
     const rows = this.mission.layers.map(layer => {
-      const raster = new ol.layer.Tile({ source: this.sourceOf(layer), zIndex: order[layer.role] });
+      const tiles = this.sourceOf(layer);
+      const raster = new ol.layer.Tile({ source: tiles.source, zIndex: order[layer.role] });
+      if (tiles instanceof LiveTiles) { tiles.layer = raster; raster.live = tiles; }
       const old = shown.get(layer.id);
       raster.document = layer;
       raster.wanted = old?.visible ?? layer.role !== "layer";
       raster.setOpacity(old?.opacity ?? 1);
       this.rasters.set(layer.id, raster);
       this.map.addLayer(raster);
-      if (layer.role === "before") this.swipe(raster);
+      if (layer.role === "before") swipe(this, raster);
       return this.row(raster);
     });
     $("layers").replaceChildren(...rows);
@@ -123,26 +154,18 @@ class Page {
     opacity.addEventListener("input", () => raster.setOpacity(Number(opacity.value)));
     raster.row = row;
     row.append(label);
-    const legend = this.legend(raster.document.legend);
+    const legend = legendOf(raster.document.legend);
     if (legend) { row.append(legend); legend.hidden = !raster.wanted; }
     row.append(opacity);
     box.addEventListener("change", () => {
       raster.wanted = box.checked;
       opacity.hidden = !box.checked;
       if (legend) legend.hidden = !box.checked;
+      if (box.checked) this.live?.legends();
       if (raster.document.role === "before") $("swipe").hidden = !box.checked;
       this.showPiece();
     });
     return row;
-  }
-
-  legend(words) {
-    if (!words) return null;
-    const legend = document.createElement("div"), bar = document.createElement("i");
-    legend.className = "legend";
-    bar.style.background = `linear-gradient(to right, ${words.colours.join(",")})`;
-    legend.append(...[words.low, bar, words.high].map(v => (v === bar ? bar : valueWords(v, words.units, 3))));
-    return legend;
   }
 
   showPiece() {
@@ -159,41 +182,10 @@ class Page {
       maps.forEach(l => $("piece").add(new Option(l.title, l.piece)));
   }
 
-  /** The older picture lies on top, left of the handle only. */
-  swipe(raster) {
-    const handle = $("swipe");
-    raster.on("prerender", e => {
-      const x = this.share * this.map.getSize()[0], [, height] = this.map.getSize();
-      const corners = [[0, 0], [x, 0], [x, height], [0, height]].map(c => ol.render.getRenderPixel(e, c));
-      e.context.save();
-      e.context.beginPath();
-      corners.forEach(([px, py], i) => (i ? e.context.lineTo(px, py) : e.context.moveTo(px, py)));
-      e.context.closePath();
-      e.context.clip();
-    });
-    raster.on("postrender", e => e.context.restore());
-    if (this.share !== undefined) return;
-    const set = share => {
-      this.share = Math.max(0, Math.min(1, share));
-      handle.style.left = `${this.share * 100}%`;
-      handle.setAttribute("aria-valuenow", Math.round(this.share * 100));
-      this.map.render();
-    };
-    handle.addEventListener("pointerdown", e => handle.setPointerCapture(e.pointerId));
-    handle.addEventListener("pointermove", e => {
-      if (handle.hasPointerCapture(e.pointerId)) set(e.clientX / innerWidth);
-    });
-    handle.addEventListener("keydown", e => {
-      const step = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
-      if (step) { set(this.share + step); e.preventDefault(); }
-    });
-    set(0.5);
-  }
-
   async loadOverlays() {
     const { links } = this.mission;
-    const [frames, , finds] = await Promise.all([
-      this.frames.load(links.frames), this.track.load(links.track), this.finds.load(links.finds)]);
+    if (this.live) return this.marks.load();
+    const [frames] = await Promise.all([this.frames.load(links.frames), this.track.load(links.track), this.marks.load()]);
     const { state } = this, wasLast = state.moment >= state.last;
     this.byOrder = frames.sort((a, b) => a.get("order") - b.get("order"));
     state.orders = new Map(frames.map(f => [f.get("frame"), f.get("order")]));
@@ -202,8 +194,6 @@ class Page {
     $("moment").max = state.last;
     $("time").hidden = frames.length < 2;
     this.setMoment(wasLast ? state.last : Math.min(state.moment, state.last));
-    $("finds-row").hidden = !finds.length;
-    $("finds-count").textContent = `(${finds.length})`;
   }
 
   setMoment(order) {
@@ -219,16 +209,33 @@ class Page {
 
   fit() {
     const first = this.mission.layers.find(l => this.state.piece === null || l.piece === this.state.piece);
-    const phone = innerWidth <= 760;
-    this.map.getView().fit(this.extentOf(first ?? this.mission.layers[0]), {
-      padding: [$("title").offsetHeight + 20, phone ? 10 : 270, phone ? 170 : 80, phone ? 10 : 20],
-    });
+    this.fitExtent(this.live?.extent ?? this.extentOf(first ?? this.mission.layers[0]));
+  }
+
+  fitExtent(extent) {
+    this.map.getView().fit(extent, { padding: this.padding() });
+  }
+
+  /** What panels cover of the window: above, right, below, left. */
+  padding() {
+    const phone = innerWidth <= 760, video = !phone && this.live && !$("view").classList.contains("closed");
+    return [$("title").offsetHeight + 20, phone ? 10 : 270, phone ? 170 : 80, video ? 350 : phone ? 10 : 20];
+  }
+
+  /** Whether an extent can be seen, beside the panels. */
+  shows(extent) {
+    const [w, h] = this.map.getSize(), [top, right, bottom, left] = this.padding();
+    const [a, b] = [ol.extent.getTopLeft(extent), ol.extent.getBottomRight(extent)].map(c => this.map.getPixelFromCoordinate(c));
+    return Boolean(a && b) && a[0] >= left && a[1] >= top && b[0] <= w - right && b[1] <= h - bottom;
   }
 
   listen() {
     this.map.on("pointermove", e => { if (!e.dragging) this.say(e.coordinate); });
     this.map.on("moveend", () => this.scale());
-    this.map.on("singleclick", e => { if (!this.measuring.draw) this.pick(e); });
+    this.map.on("click", e => { if (this.marks.take(e.coordinate)) this.taken = e.originalEvent.timeStamp; });
+    this.map.on("singleclick", e => {
+      if (!this.measuring.draw && this.taken !== e.originalEvent.timeStamp) this.pick(e);
+    });
     $("show-track").addEventListener("change", e => this.track.setVisible(e.target.checked));
     $("show-finds").addEventListener("change", e => this.finds.setVisible(e.target.checked));
     $("show-frames").addEventListener("change", e => this.footprints(e.target.checked));
@@ -349,11 +356,15 @@ async function start() {
   const { missions } = await get("missions");
   const page = new Page(missions[0]);
   await page.loadOverlays();
-  const events = new EventSource("events");
-  events.addEventListener("mission", e => {
-    const { mission, epoch } = JSON.parse(e.data);
-    if (mission === page.mission.id && epoch !== page.mission.epoch) page.refresh().catch(fail);
-  });
+  if (!page.live) {  // a flight has a stream of its own, and a browser only so many connections
+    const events = new EventSource("events");
+    events.addEventListener("mission", e => {
+      const { mission, epoch } = JSON.parse(e.data);
+      if (mission === page.mission.id && epoch !== page.mission.epoch) page.refresh().catch(fail);
+    });
+  }
+  page.toast(sessionStorage.getItem("photomap-words") ?? "");
+  sessionStorage.removeItem("photomap-words");
   window.photomap = page;  // for tests and for the curious
   document.body.dataset.ready = "yes";
 }

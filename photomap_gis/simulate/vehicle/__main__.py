@@ -7,9 +7,11 @@ from pathlib import Path
 
 import click
 
+from photomap_gis.core.errors import PhotomapError
 from photomap_gis.simulate.vehicle.airframe import Airframe, Misbehaviour, Place
 from photomap_gis.simulate.vehicle.ardupilot import COPTER_AUTO, COPTER_LOITER, ArduPilot
 from photomap_gis.simulate.vehicle.channel import Weather
+from photomap_gis.simulate.vehicle.flying import Flier, FlownPath
 from photomap_gis.simulate.vehicle.px4 import PX4, PX4_HOLD, PX4_MISSION
 from photomap_gis.simulate.vehicle.serve import Server
 
@@ -36,18 +38,28 @@ from photomap_gis.simulate.vehicle.serve import Server
 @click.option("--wrong-echoes", type=int, default=0)
 @click.option("--keeps-wrong", type=int, default=0)
 @click.option("--signing-key", type=click.Path(path_type=Path), help="32 bytes: what is not signed is not heard.")
+@click.option(
+    "--fly",
+    type=click.Path(path_type=Path),
+    metavar="SIMULATION",
+    help="Stream position and gimbal of a flight of 'photomap simulate', at once or at {\"fly\": true} on stdin.",
+)
+@click.option("--wait", is_flag=True, help="Take off at {\"fly\": true} on stdin only.")  # fmt: skip
+@click.option("--stream-hz", type=click.FloatRange(0.1, 50), default=10.0, show_default=True, help="With --fly.")
 @click.option("--seed", type=int, default=0)
 def main(
     autopilot: str, link: str, port: int, home: tuple[float, float, float], system: int, armed: bool, height: float,
     mode: str, loss: float, duplicate: float, reorder: float, delay: float, no_space_after_boot: float,
     reboot_at_item: int | None, mission_mode_at_item: int | None, silent_at_item: int | None,
-    refuses_command: int | None, wrong_echoes: int, keeps_wrong: int, signing_key: Path | None, seed: int,
+    refuses_command: int | None, wrong_echoes: int, keeps_wrong: int, signing_key: Path | None, fly: Path | None,
+    wait: bool, stream_hz: float, seed: int,
 ) -> None:  # fmt: skip
     """Hold missions as ArduPilot or PX4 does, with the faults that are asked for.
 
     \b
     python -m photomap_gis.simulate.vehicle --port 5760 --loss 0.2
     photomap upload area.plan --connect tcp:127.0.0.1:5760
+    python -m photomap_gis.simulate.vehicle --link udpout --port 14550 --fly sim-video
     """
     faults = Misbehaviour(
         no_space_after_boot_s=no_space_after_boot,
@@ -80,7 +92,16 @@ def main(
     vehicle.now_s = time.monotonic()
     vehicle.boot()
     key = signing_key.read_bytes() if signing_key else None
-    Server(vehicle, scheme=link, port=port, weather=Weather(loss, duplicate, reorder, delay), seed=seed, key=key).run()
+    flier = None
+    if fly is not None:
+        try:
+            flier = Flier(FlownPath.of_simulation(fly), vehicle, stream_hz)
+        except PhotomapError as error:
+            raise click.ClickException(str(error)) from error
+        if not wait:
+            flier.start(vehicle.now_s)
+    weather = Weather(loss, duplicate, reorder, delay)
+    Server(vehicle, scheme=link, port=port, weather=weather, seed=seed, key=key, flier=flier).run()
 
 
 if __name__ == "__main__":

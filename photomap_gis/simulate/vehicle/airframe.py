@@ -153,6 +153,11 @@ class Airframe:
         return self.now_s >= self._up_at_s
 
     @property
+    def boot_ms(self) -> int:
+        """Milliseconds since the last boot."""
+        return max(0, int((self.now_s - self._up_at_s) * 1e3))
+
+    @property
     def is_full(self) -> bool:
         """Whether the storage says that it has no space, as just after boot."""
         return self.now_s < self._up_at_s + self.faults.no_space_after_boot_s
@@ -196,14 +201,14 @@ class Airframe:
         if seq >= self.count_for(MISSION):
             return False
         self.current = seq
-        self._send("MISSION_CURRENT")
+        self.send("MISSION_CURRENT")
         return True
 
     def _command(self, message: Message, partner: Partner) -> None:
         result = mavlink.MAV_RESULT_UNSUPPORTED
         if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             name = _BY_ID.get(int(message.param1))
-            result = mavlink.MAV_RESULT_ACCEPTED if name and self._send(name) else mavlink.MAV_RESULT_FAILED
+            result = mavlink.MAV_RESULT_ACCEPTED if name and self.send(name) else mavlink.MAV_RESULT_FAILED
         elif message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
             done = self.set_current(int(message.param1))
             result = mavlink.MAV_RESULT_ACCEPTED if done else mavlink.MAV_RESULT_FAILED
@@ -221,10 +226,11 @@ class Airframe:
         self.say(
             mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, self.autopilot, base, self.mode, status, 3)
         )
-        self._send("MISSION_CURRENT")
+        self.send("MISSION_CURRENT")
 
-    def _send(self, name: str) -> bool:
-        place, boot_ms = self.place, max(0, int((self.now_s - self._up_at_s) * 1e3))
+    def send(self, name: str) -> bool:
+        """Say a message of this name, as far as there is one."""
+        place, boot_ms = self.place, self.boot_ms
         lat, lon = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
         alt_mm, height_mm = round(place.alt_amsl_m * 1e3), round(place.height_m * 1e3)
         if name == "MISSION_CURRENT":

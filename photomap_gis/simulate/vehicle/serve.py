@@ -1,8 +1,8 @@
 """A simulated vehicle as a process of its own, over real UDP or TCP on the loopback interface.
 
-It is steered by lines of JSON on stdin (``{"mode": "AUTO"}``, ``{"reboot": true}``, ``{"dump": true}``) and
-answers on stdout, first with ``{"event": "ready", "port": ...}``. A dump is the vehicle's true content, which no
-protocol has touched.
+It is steered by lines of JSON on stdin (``{"mode": "AUTO"}``, ``{"fly": true}``, ``{"reboot": true}``,
+``{"dump": true}``) and answers on stdout, first with ``{"event": "ready", "port": ...}``. A dump is the vehicle's true
+content, which no protocol has touched.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from photomap_gis.simulate.vehicle.airframe import Airframe
 from photomap_gis.simulate.vehicle.ardupilot import COPTER_AUTO, COPTER_LOITER, ArduPilot
 from photomap_gis.simulate.vehicle.channel import Weather, arrivals
+from photomap_gis.simulate.vehicle.flying import Flier
 from photomap_gis.simulate.vehicle.px4 import PX4_HOLD, PX4_MISSION
 
 _TICK_S = 0.02
@@ -33,9 +34,17 @@ class Server:
     """The sockets of one vehicle: TCP (a client at a time, as a simulator's serial port) or UDP."""
 
     def __init__(
-        self, vehicle: Airframe, *, scheme: str, port: int, weather: Weather, seed: int, key: bytes | None = None
+        self,
+        vehicle: Airframe,
+        *,
+        scheme: str,
+        port: int,
+        weather: Weather,
+        seed: int,
+        key: bytes | None = None,
+        flier: Flier | None = None,
     ) -> None:
-        self._vehicle = vehicle
+        self._vehicle, self._flier = vehicle, flier
         self._weather = weather
         self._rng = np.random.default_rng(seed)
         self._is_tcp = scheme == "tcp"
@@ -79,6 +88,8 @@ class Server:
                     self._take(source)
             self._deliver()
             self._vehicle.tick(time.monotonic())
+            if self._flier is not None:
+                self._flier.tick(time.monotonic())
             self._answer()
 
     def write(self, packet: bytes) -> None:
@@ -146,6 +157,8 @@ class Server:
                 else {"AUTO": PX4_MISSION, "LOITER": PX4_HOLD}
             )
             vehicle.set_mode(modes[order["mode"]])
+        if order.get("fly") and self._flier is not None:
+            self._flier.start(time.monotonic())
         if order.get("reboot"):
             vehicle.reboot()
             self._hang_up()

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from photomap_gis.core.errors import DataError, LinkError, OutputError, UsageError
 from photomap_gis.mission_planner.mavlink.link import MavlinkLink, read_signing_key
 from photomap_gis.mission_planner.mavlink.talk import Address, heartbeat
-from photomap_gis.mission_planner.mavlink.transport import TcpClient, TcpServer, Udp, Url, open_transport, parse_url
+from photomap_gis.vehicle_link import TcpClient, TcpServer, Udp, Url, open_transport, parse_url
 
 ME, VEHICLE = Address(254, 190), Address(1, 1)
 

@@ -1,0 +1,323 @@
+"""The live map's pixels: key frames pasted in the order in which they came, each resampled once.
+
+A spot is shown by the frame that looks at it nearest to its middle; a frame that comes later is worth a little more, so
+that what is shown is new where it is equally good. Where two meet, they are feathered. What a tile shows hangs only on
+which frames were pasted on it, in which order, by which placements.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from photomap_gis.core.frame import ImageArray
+from photomap_gis.core.grid import TileIndex, Window
+from photomap_gis.core.placement import FramePlacement
+from photomap_gis.live.lattice import TILE_PX, LiveLattice
+from photomap_gis.mosaic.lattice import Lattice
+
+STEP_PX = 16
+FEATHER = 0.08
+"""Difference of worth over which one frame passes into another."""
+WORTH_A_SECOND = 0.004
+"""A frame a minute newer may be a quarter of its half diagonal further from its middle and is shown still."""
+RIM_SHARE = 0.06
+MOST_PIXELS = 24_000_000
+"""A frame that would cover more of the map is not where it is believed to be."""
+MIN_GSD_RATIO, MAX_GSD_RATIO = 0.2, 5.0
+NOBODY = -1
+
+IntImage = npt.NDArray[np.int32]
+FloatImage = npt.NDArray[np.float32]
+
+
+@dataclass(slots=True, eq=False)
+class TilePlanes:
+    """A tile: ``rgb`` ``(t, t, 3)``; ``worth`` of what is shown; key frames ``shown`` and ``newest``; best ``gsd``."""
+
+    rgb: ImageArray
+    worth: FloatImage
+    shown: IntImage
+    newest: IntImage
+    gsd: FloatImage
+
+    @classmethod
+    def blank(cls) -> TilePlanes:
+        """Return a tile that shows nothing."""
+        side = (TILE_PX, TILE_PX)
+        return cls(
+            np.zeros((*side, 3), np.uint8),
+            np.full(side, -np.inf, np.float32),
+            np.full(side, NOBODY, np.int32),
+            np.full(side, NOBODY, np.int32),
+            np.full(side, np.inf, np.float32),
+        )
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """``(t, t)`` where something is shown."""
+        return self.shown != NOBODY
+
+    def rgba(self) -> ImageArray:
+        """Return the picture with its transparency."""
+        out = np.empty((TILE_PX, TILE_PX, 4), np.uint8)
+        out[..., :3] = self.rgb
+        out[..., 3] = np.where(self.seen, 255, 0)
+        return out
+
+
+class Sheet(NamedTuple):
+    """A frame in the map's pixels: window, ``(h, w, 3)`` RGB, where it has ground, and its worth there."""
+
+    window: Window
+    rgb: ImageArray
+    inside: npt.NDArray[np.uint8]
+    worth: FloatImage
+    gsd: float
+
+
+def sheet_of(
+    placement: FramePlacement, image: ImageArray, lattice: LiveLattice, time_s: float, clip: Window | None = None
+) -> Sheet | None:
+    """Return a frame drawn on the lattice, within ``clip``; ``None`` where there is nothing or it makes no sense.
+
+    The nodes of the lattice are those of whole tiles, so that a part of a frame has the pixels of the whole.
+    """
+    grid = lattice.grid
+    outline = placement.outline_xy_map_m()
+    if len(outline) < 3:
+        return None
+    px = grid.to_px(lattice.frame.to_crs(outline))
+    if not np.isfinite(px).all():
+        return None
+    (x0, y0), (x1, y1) = np.floor(px.min(axis=0)).astype(int) - 1, np.ceil(px.max(axis=0)).astype(int) + 2
+    gsd = placement.gsd_m_per_px
+    if (x1 - x0) * (y1 - y0) > MOST_PIXELS or not np.isfinite(gsd):
+        return None
+    if clip is not None:
+        x0, y0 = max(int(x0), clip.col_off), max(int(y0), clip.row_off)
+        x1, y1 = min(int(x1), clip.col_off + clip.width), min(int(y1), clip.row_off + clip.height)
+        if x1 <= x0 or y1 <= y0:
+            return None
+    x0, y0 = (int(v) // STEP_PX * STEP_PX for v in (x0, y0))
+    x1, y1 = (-(-int(v) // STEP_PX) * STEP_PX for v in (x1, y1))
+    window = Window(x0, y0, x1 - x0, y1 - y0)
+    nodes = Lattice.over(window, grid, lattice.frame, step_px=STEP_PX)
+    xy = placement.camera_to_map.unproject(nodes.nodes_xy_map_m).reshape(*nodes.shape, 2)
+    xy = np.where(np.isfinite(xy), xy, -1e5)
+    dense = nodes.dense(xy.astype(np.float32))
+    part = dense[STEP_PX : STEP_PX + window.height, STEP_PX : STEP_PX + window.width]
+    x, y = np.ascontiguousarray(part[..., 0]), np.ascontiguousarray(part[..., 1])
+    h, w = image.shape[:2]
+    scale_x, scale_y = placement.width_px / w, placement.height_px / h
+    source = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    at_x, at_y = ((x + 0.5) / scale_x - 0.5, (y + 0.5) / scale_y - 0.5) if (scale_x, scale_y) != (1.0, 1.0) else (x, y)
+    bgr = cv2.remap(source, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    half_w, half_h = (placement.width_px - 1) / 2.0, (placement.height_px - 1) / 2.0
+    inside = cv2.bitwise_and(cv2.inRange(x, 0.0, 2.0 * half_w), cv2.inRange(y, 0.0, 2.0 * half_h))
+    x -= np.float32(half_w)
+    y -= np.float32(half_h)
+    radius = cv2.magnitude(x, y)
+    radius *= np.float32(-1.0 / np.hypot(half_w, half_h))
+    radius += np.float32(1.0 + WORTH_A_SECOND * time_s)
+    return Sheet(window, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), inside, radius, gsd)
+
+
+class LiveCanvas:
+    """The tiles of one lattice: the newest in memory, the others on disk; one writer, readers in any thread."""
+
+    def __init__(self, lattice: LiveLattice, folder: Path, *, capacity: int = 320) -> None:
+        self.lattice = lattice
+        self._folder, self._capacity = folder, capacity
+        self._tiles: OrderedDict[TileIndex, TilePlanes] = OrderedDict()
+        self._stored: set[TileIndex] = set()
+        self._dirty: set[TileIndex] = set()
+        self._changed: set[TileIndex] = set()
+        self._versions: dict[TileIndex, int] = {}
+        self._keys_of: dict[TileIndex, list[int]] = {}
+        self._version = 0
+        self._lock = threading.RLock()
+
+    @property
+    def version(self) -> int:
+        """Grows with every change."""
+        return self._version
+
+    def tiles(self) -> list[TileIndex]:
+        """Return the tiles that show something."""
+        with self._lock:
+            return sorted(self._versions)
+
+    def keys_of(self, tile: TileIndex) -> list[int]:
+        """Return the key frames that were pasted on a tile, in their order."""
+        with self._lock:
+            return list(self._keys_of.get(tile, ()))
+
+    def version_of(self, tile: TileIndex) -> int:
+        """Return the version at which a tile changed last, 0 where it shows nothing."""
+        return self._versions.get(tile, 0)
+
+    def paste(self, key: int, sheet: Sheet) -> tuple[TileIndex, ...]:
+        """Paste a frame; return the tiles that it lies on."""
+        touched: list[TileIndex] = []
+        w = sheet.window
+        with self._lock:
+            self._version += 1
+            for tile in tiles_under(w):
+                here, there = shared(w, tile)
+                if not sheet.inside[here].any():
+                    continue
+                planes = self._planes(tile)
+                blend(planes, there, sheet, here, key)
+                self._versions[tile] = self._version
+                self._dirty.add(tile)
+                self._changed.add(tile)
+                keys = self._keys_of.setdefault(tile, [])
+                if key not in keys:
+                    keys.append(key)
+                touched.append(tile)
+        return tuple(touched)
+
+    def replace(self, fresh: Mapping[TileIndex, TilePlanes], pasted: Mapping[TileIndex, list[int]]) -> None:
+        """Put tiles that were drawn anew in the place of the old ones, all at once."""
+        with self._lock:
+            self._version += 1
+            for tile, planes in fresh.items():
+                if not pasted[tile] and tile not in self._versions:
+                    continue
+                self._tiles[tile] = planes
+                self._tiles.move_to_end(tile)
+                self._dirty.add(tile)
+                self._changed.add(tile)
+                self._versions[tile] = self._version
+                self._keys_of[tile] = pasted[tile]
+            self._shed()
+
+    def window_of(self, tile: TileIndex) -> Window:
+        """Return the pixels of a tile."""
+        return Window(tile.col * TILE_PX, tile.row * TILE_PX, TILE_PX, TILE_PX)
+
+    def extent(self) -> Window | None:
+        """Return the window of whole tiles that may show something."""
+        with self._lock:
+            if not self._versions:
+                return None
+            rows, cols = [t.row for t in self._versions], [t.col for t in self._versions]
+        top, left = min(rows), min(cols)
+        return Window(left * TILE_PX, top * TILE_PX, (max(cols) - left + 1) * TILE_PX, (max(rows) - top + 1) * TILE_PX)
+
+    def version_in(self, window: Window) -> int:
+        """Return the newest version of any tile in a window."""
+        versions = self._versions
+        under = tiles_under(window)
+        if len(under) <= len(versions):
+            return max((versions.get(t, 0) for t in under), default=0)
+        inside = set(under)
+        with self._lock:
+            return max((v for t, v in versions.items() if t in inside), default=0)
+
+    def read(self, window: Window, what: Callable[[TilePlanes], npt.NDArray[np.generic]], blank: float) -> np.ndarray:
+        """Return a window of what a function makes of each tile's planes, ``blank`` where nothing was seen."""
+        out: np.ndarray | None = None
+        for tile in tiles_under(window):
+            with self._lock:
+                if tile not in self._versions:
+                    continue
+                values = what(self._planes(tile))
+            if out is None:
+                out = np.full((window.height, window.width, *values.shape[2:]), blank, values.dtype)
+            here, there = shared(window, tile)
+            out[here] = values[there]
+        if out is None:
+            sample = what(TilePlanes.blank())
+            out = np.full((window.height, window.width, *sample.shape[2:]), blank, sample.dtype)
+        return out
+
+    def take_changed(self) -> list[TileIndex]:
+        """Return the tiles whose pixels changed since the last call, for those who watch."""
+        with self._lock:
+            changed = sorted(self._changed)
+            self._changed.clear()
+            return changed
+
+    def take_dirty(self) -> list[tuple[TileIndex, ImageArray, IntImage]]:
+        """Return the tiles that changed since the last call: pictures, and which key frame each pixel shows."""
+        with self._lock:
+            dirty = sorted(self._dirty)
+            self._dirty.clear()
+            return [(t, (p := self._planes(t)).rgba(), p.shown.copy()) for t in dirty]
+
+    def _planes(self, tile: TileIndex) -> TilePlanes:
+        planes = self._tiles.get(tile)
+        if planes is None:
+            planes = self._load(tile) if tile in self._stored else TilePlanes.blank()
+            self._tiles[tile] = planes
+            self._shed()
+        self._tiles.move_to_end(tile)
+        return planes
+
+    def _shed(self) -> None:
+        while len(self._tiles) > self._capacity:
+            tile, planes = self._tiles.popitem(last=False)
+            if tile in self._versions:
+                self._folder.mkdir(parents=True, exist_ok=True)
+                np.savez(
+                    self._path(tile), rgb=planes.rgb, worth=planes.worth, shown=planes.shown, newest=planes.newest,
+                    gsd=planes.gsd,
+                )  # fmt: skip
+                self._stored.add(tile)
+
+    def _load(self, tile: TileIndex) -> TilePlanes:
+        with np.load(self._path(tile)) as kept:
+            return TilePlanes(kept["rgb"], kept["worth"], kept["shown"], kept["newest"], kept["gsd"])
+
+    def _path(self, tile: TileIndex) -> Path:
+        first = self.lattice.first_tile
+        return self._folder / f"{tile.row + first.row}-{tile.col + first.col}.npz"
+
+
+def tiles_under(window: Window) -> list[TileIndex]:
+    """Return the tiles under a window of the lattice."""
+    rows = range(window.row_off // TILE_PX, -(-(window.row_off + window.height) // TILE_PX))
+    cols = range(window.col_off // TILE_PX, -(-(window.col_off + window.width) // TILE_PX))
+    return [TileIndex(r, c) for r in rows for c in cols]
+
+
+Slices = tuple[slice, slice]
+
+
+def shared(window: Window, tile: TileIndex) -> tuple[Slices, Slices]:
+    """Return which pixels of a window are which of a tile."""
+    x, y = tile.col * TILE_PX, tile.row * TILE_PX
+    x0, x1 = max(x, window.col_off), min(x + TILE_PX, window.col_off + window.width)
+    y0, y1 = max(y, window.row_off), min(y + TILE_PX, window.row_off + window.height)
+    here = np.s_[y0 - window.row_off : y1 - window.row_off, x0 - window.col_off : x1 - window.col_off]
+    return here, np.s_[y0 - y : y1 - y, x0 - x : x1 - x]
+
+
+def blend(planes: TilePlanes, there: Slices, sheet: Sheet, here: Slices, key: int) -> None:
+    """Paste a part of a frame on a part of a tile."""
+    inside = sheet.inside[here] > 0
+    worth, old = sheet.worth[here], planes.worth[there]
+    share = np.clip((worth - old) * np.float32(1.0 / FEATHER) + np.float32(0.5), 0.0, 1.0)
+    share *= inside  # nothing shown yet: the old worth is minus infinity, the share one
+    rgb = planes.rgb[there]
+    whole = share >= 0.999
+    mixed = (share > 0.001) & ~whole
+    np.copyto(rgb, sheet.rgb[here], where=whole[..., None])
+    if mixed.any():
+        s = share[mixed][:, None]
+        rgb[mixed] = np.rint(rgb[mixed] * (1.0 - s) + sheet.rgb[here][mixed] * s).astype(np.uint8)
+    better = inside & (worth > old)
+    np.copyto(old, worth, where=better)
+    np.copyto(planes.shown[there], np.int32(key), where=better)
+    np.maximum(planes.newest[there], np.int32(key), out=planes.newest[there], where=inside)
+    np.minimum(planes.gsd[there], np.float32(sheet.gsd), out=planes.gsd[there], where=inside)

@@ -1,0 +1,1 @@
+"""The dock "Photo map": photos or a video become a map in the open project."""

@@ -1,0 +1,1 @@
+"""photomap's commands as Processing algorithms: in the toolbox, in models, in batch and in ``qgis_process``."""
