@@ -144,7 +144,7 @@ class Host:
         self, mission: ServedMission, snapshot: Snapshot, layer: str, zoom: int, x: int, y: int, tile_format: TileFormat
     ) -> bytes:
         """Return a tile's bytes; ``KeyError`` for no such layer, ``UsageError`` for no such tile."""
-        address = TileAddress(mission.id, snapshot.epoch, layer, zoom, x, y, tile_format)
+        address = TileAddress(mission.id, snapshot.pictures, layer, zoom, x, y, tile_format)
         return self._cache.get(snapshot, address)
 
     def close(self) -> None:
