@@ -17,13 +17,17 @@ import click
 from photomap_gis.cli.cot_options import cot_options, cot_receiver, cot_url_option
 from photomap_gis.cli.progress import ProgressBars
 from photomap_gis.cli.source_options import ingest_options, source_options
-from photomap_gis.core.errors import UsageError
+from photomap_gis.core.errors import PhotomapError, UsageError
 
 if TYPE_CHECKING:
     from photomap_gis.export.cot import CotAddress
     from photomap_gis.live.flight import Flight
     from photomap_gis.live.landing import LiveSummary
     from photomap_gis.server.live_view import LivePose
+
+
+MOST_LINES = 20
+"""So many intervals are printed for people."""
 
 
 @click.command(name="live", short_help="Grow the map while the drone flies, on a page and in QGIS.")
@@ -127,19 +131,25 @@ def command(
             flight.fly()
         if not quiet:
             click.echo("", err=True)
-        summary = _landed(flight, no_finalise=no_finalise, quiet=quiet)
+        summary, error = _landed(flight, no_finalise=no_finalise, quiet=quiet)
         _tell(summary, as_json=as_json)
+        if error is not None:
+            raise error
         if stay and serve:
             click.echo("the mission is shown until ^C", err=True)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()
 
 
-def _landed(flight: Flight, *, no_finalise: bool, quiet: bool) -> LiveSummary:
+def _landed(flight: Flight, *, no_finalise: bool, quiet: bool) -> tuple[LiveSummary, PhotomapError | None]:
+    """Make the final map; where none can be made, how the flight went is told all the same."""
     if no_finalise:
-        return flight.summary(None)
-    with ProgressBars(quiet=quiet) as bars:
-        return flight.summary(flight.land(bars))
+        return flight.summary(None), None
+    try:
+        with ProgressBars(quiet=quiet) as bars:
+            return flight.summary(flight.land(bars)), None
+    except PhotomapError as error:
+        return flight.summary(None), error
 
 
 @contextlib.contextmanager
@@ -244,9 +254,11 @@ def _tell(summary: LiveSummary, *, as_json: bool) -> None:
             f"flight     {t.frames} frames, {t.tracked} placed, {summary.keyframes} key frames, {t.dropped} dropped, "
             f"{t.error_frames} error frames; {t.segments_begun} breaks, {t.joined} recognised again"
         )
-        for i in t.intervals:
+        for i in t.intervals[:MOST_LINES]:
             until = "" if i.until_s is None else f" to {i.until_s:.1f}"
             click.echo(f"           {i.kind} at {i.since_s:.1f}{until} s: {i.words}")
+        if len(t.intervals) > MOST_LINES:
+            click.echo(f"           and {len(t.intervals) - MOST_LINES} more: --json lists them")
         if summary.map is not None:
             click.echo(describe(summary.map))
     for warning in (*summary.warnings, *(() if summary.map is None else summary.map.warnings)):

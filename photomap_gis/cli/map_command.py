@@ -83,6 +83,8 @@ def command(
     photomap map DJI_0001.MP4 DJI_0002.MP4 -o flight-2        # .SRT files lie beside
     photomap map flight.mp4 --track flight.tlog --fov-deg 78 -o flight-3
     photomap map --add flight-1 SECOND_CARD
+    photomap map --add flight-1 DJI_0001.SRT                  # a log that came later
+    photomap map flight-1/recording -o again                  # what was recorded live
     photomap map DCIM/100MEDIA --reference orthophoto-2019.tif -o flight-1
     photomap map DCIM/100MEDIA -o flight-4 --gcp gcp_list.txt --check every-third
     photomap map DCIM/100MEDIA -o flight-5 --layers --prefer newest

@@ -16,8 +16,8 @@ from __future__ import annotations
 import json
 import os
 import struct
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -113,11 +113,47 @@ def read_contents(folder: Path) -> BoxContents:
     except OSError as error:
         raise DataError(f"{folder}: cannot be read ({error.strerror or error}); check its rights") from error
     whole = data[: len(data) // _RECORD.size * _RECORD.size]
-    frames = tuple(
+    frames = [
         FrameRecord(connection, piece, None if ticks == _NO_PTS else ticks, stream_s, arrival_s)
         for connection, piece, ticks, stream_s, arrival_s in _RECORD.iter_unpack(whole)
-    )
-    return BoxContents(folder, tuple(lines), frames)
+    ]
+    return BoxContents(folder, tuple(lines), _on_one_clock(lines, frames))
+
+
+def _on_one_clock(lines: Sequence[Mapping[str, Any]], frames: Sequence[FrameRecord]) -> tuple[FrameRecord, ...]:
+    """Return the records of sessions that were cut off and resumed with the stream times of the first one.
+
+    Each session counts from its own beginning; Unix time tells how much later that was.
+    """
+    sessions: list[Mapping[str, Any]] = []
+    session_of: dict[int, Mapping[str, Any]] = {}
+    for line in lines:
+        if line["kind"] == "recording":
+            sessions.append(line)
+        elif line["kind"] == "piece" and sessions:
+            session_of.setdefault(int(line.get("connection", 0)), sessions[-1])
+    if len(sessions) < 2:
+        return tuple(frames)
+    starts: dict[int, float] = {}
+    out: list[FrameRecord] = []
+    for record in frames:
+        session = session_of.get(record.connection)
+        start = None if session is None else _start_utc_s(session, record)
+        if session is None or start is None:
+            out.append(record)
+            continue
+        ahead_s = starts.setdefault(id(session), start) - next(iter(starts.values()))
+        out.append(replace(record, stream_time_s=record.stream_time_s + max(ahead_s, 0.0)))
+    return tuple(out)
+
+
+def _start_utc_s(session: Mapping[str, Any], record: FrameRecord) -> float | None:
+    """Return the Unix seconds of a session's stream time 0, by one of its frames."""
+    try:
+        began_utc_s, began_arrival_s = float(session["began_utc_s"]), float(session["began_arrival_s"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return began_utc_s + (record.arrival_s - record.stream_time_s) - began_arrival_s
 
 
 def piece_path(folder: Path, line: Mapping[str, Any]) -> Path | None:
@@ -131,11 +167,7 @@ def piece_path(folder: Path, line: Mapping[str, Any]) -> Path | None:
 
 def started_utc_s(contents: BoxContents) -> float | None:
     """Return the Unix seconds of a recording's stream time 0."""
-    begun = contents.begun
-    if not contents.frames or "began_utc_s" not in begun or "began_arrival_s" not in begun:
-        return None
-    first = contents.frames[0]
-    return float(begun["began_utc_s"]) + (first.arrival_s - first.stream_time_s) - float(begun["began_arrival_s"])
+    return _start_utc_s(contents.begun, contents.frames[0]) if contents.frames else None
 
 
 def _first_line(folder: Path) -> Mapping[str, Any] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +13,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photomap_gis.core.errors import DataError, OutputError, UsageError
-from photomap_gis.core.frame import FrameRef
-from photomap_gis.core.live import FrameSource, LiveClock, LiveTelemetry
-from photomap_gis.export.crs import WGS84, parse_crs
+from photomap_gis.core.frame import FrameRef, GpsFix
+from photomap_gis.core.live import FrameMoment, FrameSource, LiveClock, LiveTelemetry
+from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.export.crs import WEB_MERCATOR, WGS84, parse_crs
 from photomap_gis.export.cutline import read_cutline
+from photomap_gis.georef import choose_map_frame
+from photomap_gis.ifmi import Prior, make_spectrum, register
 from photomap_gis.ingest.stream import open_stream
 from photomap_gis.ingest.stream.telemetry import open_telemetry
 from photomap_gis.live.graph import GraphWork, KeyNews
@@ -27,11 +32,14 @@ from photomap_gis.live.session import Session
 from photomap_gis.live.tracker import Step
 from photomap_gis.live.view import LiveView, starting_state
 from photomap_gis.pipeline import MapSummary
+from photomap_gis.pipeline.live_lag import picture_lag
+from photomap_gis.pipeline.master import master_frame
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.server.live_view import LiveEnd, LivePhase, LivePose
 from photomap_gis.store import Mission
 
 SAY_EVERY_S = 1.0
+LAG_EVERY_S, LAG_KEYS, FEWEST_LAG_KEYS = 20.0, 240, 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +98,7 @@ class Flight:
             mission, stream, ready.locator, graph, self.view, options, realtime=realtime, on_step=self._step,
             skip_until=skip_until, skip_sources=frozenset(known or ()),
         )  # fmt: skip
-        self._was_armed = False
+        self._was_armed, self._realtime, self._lag_at_s = False, realtime, 0.0
         if work is not None and keys:
             solution = work.solve()
             if solution is not None:
@@ -116,6 +124,8 @@ class Flight:
         cv2.setNumThreads(1)
         try:
             with threadpool_limits(1):
+                if self._realtime:
+                    _warm_up()
                 self.session.run()
         finally:
             cv2.setNumThreads(threads)
@@ -153,6 +163,7 @@ class Flight:
             return
         self._said_s = pose.time_s
         self._look_at_vehicle()
+        self._find_lag()
         self.on_pose(pose)
         t, chart = self.session.loop.tally, self.session.loop.chart
         place = "on the ground" if chart.map_frame.crs_wkt is not None else "relative"
@@ -160,6 +171,29 @@ class Flight:
             f"{pose.time_s:6.1f} s  {t.frames} frames, {t.dropped} dropped, {t.error_frames} error frames, "
             f"{len(chart)} key frames, {self.session.loop.tracker.pieces} piece(s), {place}, revision {chart.revision}"
         )
+
+    def _find_lag(self) -> None:
+        """Now and then find by how much pictures come later than positions; in a thread, since it takes a moment."""
+        telemetry, time_s = self._telemetry, self._said_s
+        if telemetry is None or time_s - self._lag_at_s < LAG_EVERY_S:
+            return
+        self._lag_at_s = time_s
+        loop = self.session.loop
+        chart = loop.chart.snapshot()
+        keys = [k for k in range(max(0, len(chart) - LAG_KEYS), len(chart)) if math.isfinite(loop.arrivals_s[k])]
+        keys = [k for k in keys if chart.segments[k] == chart.segments[-1]]
+        if chart.map_frame.crs_wkt is None or len(keys) < FEWEST_LAG_KEYS:
+            return
+        moments = [FrameMoment(loop.times_s[k], loop.arrivals_s[k]) for k in keys]
+
+        def find() -> None:
+            path = np.array([chart.belief(k).T_map_plane.translation for k in keys])
+            times = np.array([m.stream_time_s for m in moments])
+            lag = picture_lag(times, path, telemetry.place(moments), chart.map_frame)
+            if lag is not None and lag.believed:
+                telemetry.set_lag(lag.lag_s, lag.sigma_s)
+
+        threading.Thread(target=find, name="lag", daemon=True).start()
 
     def _look_at_vehicle(self) -> None:
         """Land when the autopilot disarms."""
@@ -169,6 +203,16 @@ class Flight:
         if armed is False and self._was_armed:
             self.stop()
         self._was_armed = self._was_armed or armed is True
+
+
+def _warm_up() -> None:
+    """Have windows, plans of transforms and lazy modules made before the first frame comes."""
+    noise = np.random.default_rng(0).integers(0, 255, (288, 512), np.uint8)
+    spectrum = make_spectrum(noise)
+    register(spectrum, make_spectrum(noise), fallback=False)
+    register(spectrum, make_spectrum(noise), prior=Prior(Similarity2D(), 5.0, 0.02, 0.02), fallback=False)
+    utm = choose_map_frame([GpsFix(50.0, 8.0)])
+    master_frame(utm, WEB_MERCATOR).to_crs(np.zeros((1, 2)))
 
 
 def open_flight(request: FlightRequest, clock: LiveClock | None = None) -> Flight:

@@ -47,11 +47,12 @@ class Lay:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Take:
-    """Take a key frame: keep it, tell the graph, paste it."""
+    """Take a key frame: keep it, tell the graph, paste it (unless it looks too far off the plumb line)."""
 
     key: NewKey
     picture: Picture
     placement: FramePlacement
+    paste: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +202,7 @@ class Hand:
             logger.warning("%s", error)
             raise
         finally:
-            if self.painter is not None:
+            if self.painter is not None and command.paste:
                 self.painter.paste(ref.index, command.placement, image, key.stream_time_s)
                 self.pasted += 1
                 self._on_tiles()

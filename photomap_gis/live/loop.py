@@ -5,11 +5,12 @@ It never draws, solves or waits, and knows no clock but the stream's: a replay r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from photomap_gis.core.frame import FrameRef, ImageArray
-from photomap_gis.core.live import LiveFrame, Picture
+from photomap_gis.core.live import GapKind, LiveFrame, Picture, StreamGap
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.live.chart import Belief, Chart, LiveSolution
 from photomap_gis.live.frame_line import place_of, pose_numbers
@@ -19,6 +20,7 @@ from photomap_gis.live.lattice import choose_lattice
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.tracker import FrameState, NewKey, Step, Tracker, is_video, wide_covariance
 
+MERGED_S = 1.0
 MOST_INTERVALS = 5000
 """So many are listed; a link that is worse than that is told by the counts."""
 
@@ -58,8 +60,10 @@ class FlightLoop:
         self.tracker = Tracker(options, load)
         self.tally = Tally()
         self.times_s: list[float] = []
+        self.arrivals_s: list[float] = []
         self._log = log
         self._epoch = 0
+        self._max_off_nadir_rad = options.settings.max_off_nadir_rad
         self._held: tuple[FrameRef, Picture] | None = None
 
     @property
@@ -80,9 +84,9 @@ class FlightLoop:
         commands: list[Command] = []
         if step.promoted is not None:
             held = self._held
-            commands += self._keyed(step.promoted, frame.picture if held is None else held[1])
+            commands += self._keyed(step.promoted, frame.picture if held is None else held[1], frame.arrival_s)
         if step.key is not None:
-            commands += self._keyed(step.key, frame.picture)
+            commands += self._keyed(step.key, frame.picture, frame.arrival_s)
         if step.joined is not None:
             commands.append(Told(step.joined.tie))
             commands.append(Move(self.chart.snapshot(), self.chart.revision, step.joined.moved))
@@ -114,7 +118,9 @@ class FlightLoop:
             self.tally.snapped_at_s = stream_time_s
         # The newest first: they are what the drone is over.
         again = [
-            Again(k, self.times_s[k], snapshot.placement(k)) for k in range(len(snapshot) - 1, -1, -1)
+            Again(k, self.times_s[k], snapshot.placement(k))
+            for k in range(len(snapshot) - 1, -1, -1)
+            if self._is_steep(snapshot.refs[k])
         ]  # fmt: skip
         return [self._lay(snapshot, len(snapshot) - 1), Move(snapshot, solution.revision, ()), *again], True
 
@@ -123,11 +129,16 @@ class FlightLoop:
         for ref, segment in keys:
             self.chart.add(ref, Belief(Similarity2D(), wide_covariance(ref)), segment)
             self.times_s.append(ref.pts_s or 0.0)
+            self.arrivals_s.append(-math.inf)  # before this session: no telemetry knows it
         self.tracker.adopt(solution)
         if not keys:
             return []
         snapshot = self.chart.snapshot()
-        again = [Again(k, self.times_s[k], snapshot.placement(k)) for k in range(len(snapshot))]
+        again = [
+            Again(k, self.times_s[k], snapshot.placement(k))
+            for k in range(len(snapshot))
+            if self._is_steep(snapshot.refs[k])
+        ]
         return [self._lay(snapshot, len(snapshot) - 1), *again]
 
     def drop(self, index: int, stream_time_s: float) -> None:
@@ -136,19 +147,34 @@ class FlightLoop:
         if self._log is not None:
             self._log.write("drop", n=index, s=stream_time_s)
 
-    def note(self, kind: str, since_s: float, until_s: float | None, words: str, frames: int = 0) -> None:
-        """Report an interval that the source told of."""
-        self._begun(Interval(kind, since_s, until_s, frames, words))
+    def hear(self, gap: StreamGap) -> None:
+        """Report what the source tells of itself; a link that is lost is so until frames come again."""
+        since_s = gap.stream_time_s
+        if gap.kind is GapKind.RECONNECTED:
+            lost = next((i for i in reversed(self.tally.intervals) if i.kind == "link_lost"), None)
+            if lost is None or lost.until_s is not None:
+                lost = Interval("link_lost", since_s, None)
+                self._begun(lost)
+            lost.until_s, lost.words = lost.since_s + (gap.duration_s or 0.0), gap.message
+        elif gap.kind is GapKind.LINK_LOST:
+            self._begun(Interval("link_lost", since_s, None, 0, gap.message))
+        else:
+            self._begun(Interval(f"source_{gap.kind.value}", since_s, None, gap.frames_lost, gap.message))
         if self._log is not None:
-            self._log.write("interval", kind=kind, since_s=since_s, until_s=until_s, words=words)
+            self._log.write("gap", kind=gap.kind.value, s=since_s, duration_s=gap.duration_s, words=gap.message)
 
-    def _keyed(self, key: NewKey, picture: Picture) -> list[Command]:
+    def _keyed(self, key: NewKey, picture: Picture, arrival_s: float) -> list[Command]:
         self.times_s.append(key.stream_time_s)
+        self.arrivals_s.append(arrival_s)
         placement = self.chart.placement(key.ref.index)
         commands: list[Command] = []
         if self._epoch == 0:
             commands.append(self._lay(self.chart, key.ref.index))
-        return [*commands, Take(key, picture, placement)]
+        return [*commands, Take(key, picture, placement, self._is_steep(key.ref))]
+
+    def _is_steep(self, ref: FrameRef) -> bool:
+        """Whether a frame looks down steeply enough to be pasted, as far as is known."""
+        return ref.attitude is None or ref.attitude.off_nadir_rad <= self._max_off_nadir_rad
 
     def _lay(self, chart: Chart, key: int) -> Lay:
         self._epoch += 1
@@ -165,7 +191,7 @@ class FlightLoop:
         t.joined += step.joined is not None
         now_s = frame.stream_time_s
         self._interval("error_frames", step.state is FrameState.ERROR, now_s, step.reason or "")
-        self._interval("waiting", step.state is FrameState.WAITING, now_s, "the map waits: not recognised yet")
+        self._interval("not_recognised", step.state is FrameState.WAITING, now_s, "the map waits: not recognised yet")
         if t.with_fix:
             self._interval("no_position", step.ref.fix is None, now_s, "no position came with these frames")
         if step.began is not None:
@@ -180,6 +206,10 @@ class FlightLoop:
             self.tally.intervals.append(interval)
 
     def _interval(self, kind: str, lasts: bool, now_s: float, words: str) -> None:
+        if lasts:
+            last = next((i for i in reversed(self.tally.intervals[-20:]) if i.kind == kind), None)
+            if last is not None and last.until_s is not None and now_s - last.until_s < MERGED_S:
+                last.until_s = None  # a link that stutters is one interval, not fifty
         open_one = next((i for i in reversed(self.tally.intervals) if i.kind == kind and i.until_s is None), None)
         if lasts and open_one is None:
             self._begun(Interval(kind, now_s, None, 1, words))

@@ -13,6 +13,7 @@ thread, and nothing is ever dropped.
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import threading
 import time
@@ -21,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from photomap_gis.core.errors import PhotomapError
-from photomap_gis.core.live import FrameSource, GapKind, LiveFrame, StreamEnd, StreamEvent, StreamGap
+from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph_desk import GraphDesk
@@ -49,6 +50,7 @@ QUEUE = 2
 """Frames that wait for the loop; the oldest is dropped where more come."""
 FLUSH_EVERY_S = 1.0
 FLUSH_EVERY_KEYS = 24
+LAST_REDRAW_S = 5.0
 REDRAW_SHARE = 0.35
 """Share of the hand's time that redrawing may take while frames come."""
 
@@ -127,7 +129,9 @@ class Session:
                 self._run_here()
         finally:
             self._graph.close()
-            while self.hand.idle():
+            # In real time somebody waits for the final map, which is drawn anew in any case.
+            until = time.monotonic() + (LAST_REDRAW_S if self._realtime else math.inf)
+            while self.hand.idle() and time.monotonic() < until:
                 pass
             self.hand.flush()
             if self.hand.painter is not None:
@@ -290,11 +294,7 @@ class Session:
     def _hear(self, event: StreamEvent) -> None:
         self._locator.hear(event)
         if isinstance(event, StreamGap):
-            if event.kind is GapKind.RECONNECTED:
-                since = event.stream_time_s
-                self.loop.note("link_lost", since, since + (event.duration_s or 0.0), event.message)
-            elif event.kind is not GapKind.LINK_LOST:
-                self.loop.note(event.kind.value, event.stream_time_s, None, event.message, event.frames_lost)
+            self.loop.hear(event)
             self.health.hear(event)
             self._tell_health()
         elif isinstance(event, StreamEnd):

@@ -50,6 +50,8 @@ FOREIGN_SIGMA = 0.4
 RECENT = 48
 """Spectra of the newest key frames that are kept in memory."""
 BELIEVED_DOUBT = 0.5
+FROZEN_AFTER_S = 0.5
+"""A picture that repeats itself for so long is a link that froze; before that the video only stutters."""
 MOST_SPOILT = 5
 """So many frames in a row that are spoilt in part: not they are, the ground has changed or leans."""
 MANY, FEW = 120, 8
@@ -63,6 +65,8 @@ class FrameState(StrEnum):
 
     TRACKED = "tracked"
     KEY = "key"
+    REPEATED = "repeated"
+    """The picture before once more, as pulled-down or stuttering video has it: it lies where that lay."""
     ERROR = "error"
     WAITING = "waiting"
 
@@ -183,6 +187,8 @@ class Tracker:
         look = look_at(small)
         gap = self._look is not None and stream_time_s - self._look[1] > self._options.gap_s
         verdict = self._judged(ref, look, gap)
+        if verdict.fault is Fault.FROZEN and self._is_fresh(stream_time_s):
+            return self._repeats(ref, view)
         if not verdict.ok:
             self._rejected += 1
             if self._rejected >= LONGEST_STREAK:
@@ -203,6 +209,15 @@ class Tracker:
             return self._lost(seen, verdict, gap)
         self._accept_look(seen)
         return self._track(seen, found, promoted, verdict)
+
+    def _is_fresh(self, stream_time_s: float) -> bool:
+        return self._look is not None and self._last is not None and stream_time_s - self._look[1] < FROZEN_AFTER_S
+
+    def _repeats(self, ref: FrameRef, view: PlaneView) -> Step:
+        key, last = self._key, self._last
+        assert key is not None and last is not None
+        belief = self._pose(key, last.seen, last.T_key_px, last.found)
+        return Step(ref, FrameState.REPEATED, belief, last.seen.view, self._segment)
 
     def _judged(self, ref: FrameRef, look: FrameLook, gap: bool) -> FrameVerdict:
         verdict = judge_frame(look, None if gap or self._look is None else self._look[0])

@@ -23,7 +23,7 @@ from photomap_gis.georef import choose_map_frame
 from photomap_gis.ingest.kept_track import frame_time_s, placed_anew
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.sync import place_frames
-from photomap_gis.ingest.telemetry import TRACK_SUFFIXES, Clock, Track, read_track
+from photomap_gis.ingest.telemetry import TRACK_SUFFIXES, Clock, Track, TrackPoint, read_track
 from photomap_gis.pipeline.align import sequential_paths, shift_of
 from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.prepare import SpectrumShelf
@@ -36,6 +36,7 @@ STEP_S = 0.5
 MOST_TRIALS = 40_000
 MIN_STEP_S = 0.1
 MOST_POINTS = 50_000
+MIN_FRAMES = 12
 NO_PLACE = ("no telemetry was found", "no positions: the map is relative")
 """How warnings begin (behind a file's name) that a track makes void."""
 
@@ -64,9 +65,67 @@ def add_track(mission: Mission, path: Path, settings: MapSettings, on_progress: 
     track = read_track(path, srt_order=settings.ingest.srt_order)
     if not track.points:
         raise DataError(f"{path}: holds no positions; give another log")
+    targets = _targets(list(mission.frames), list(mission.flights), path)
+    lent = _lend(mission, track, targets, settings, on_progress, may_guess=True)
+    if not lent:
+        raise DataError(
+            f"{path}: fits no flight of this mission: neither clocks nor motion tell when it was flown; "
+            "--track-offset SECONDS (from the first frame to the track's beginning) sets it"
+        )
+    return (*track.warnings, *lent)
+
+
+def lend_positions(
+    mission: Mission, donors: Sequence[Flight], settings: MapSettings, on_progress: Progress
+) -> tuple[str, ...]:
+    """Give flights without positions those of flights that were added, where clocks or motion say that they are one.
+
+    So the card's file gives the stream that was recorded on the ground its place. What does not clearly fit stays as
+    it was.
+    """
+    said: list[str] = []
+    for donor in donors:
+        frames = list(mission.frames)
+        targets = [
+            f for f in mission.flights
+            if f.id not in {d.id for d in donors} and not any(r.fix is not None for r in frames if r.flight == f.id)
+        ]  # fmt: skip
+        track = _track_of(donor, [f for f in frames if f.flight == donor.id])
+        if targets and track is not None:
+            said += _lend(mission, track, targets, settings, on_progress, may_guess=False)
+    return tuple(said)
+
+
+def _track_of(flight: Flight, frames: Sequence[FrameRef]) -> Track | None:
+    """Return where a flight's frames were as a track of its own."""
+    rows = sorted(
+        (when, f.fix, f.height_m) for f in frames if f.fix is not None and (when := frame_time_s(f)) is not None
+    ) if len({frame_time_s(f) for f in frames}) == len(frames) else []  # fmt: skip
+    if len(rows) < MIN_FRAMES:
+        return None
+    has_utc = all(f.time_s is not None for f in frames)
+    points = tuple(
+        TrackPoint(when, fix.lat_deg, fix.lon_deg, fix.alt_m, height_m, sigma_m=fix.sigma_m)
+        for when, fix, height_m in rows
+    )
+    return Track(points, Clock.UTC if has_utc else Clock.BOOT, flight.name)
+
+
+def _lend(
+    mission: Mission,
+    track: Track,
+    targets: Sequence[Flight],
+    settings: MapSettings,
+    on_progress: Progress,
+    *,
+    may_guess: bool,
+) -> tuple[str, ...]:
+    """Give flights their places by a track and keep that; return what is to be told, nothing where it fits none.
+
+    ``may_guess``: a lone flight of which neither clocks nor motion tell begins with the track.
+    """
+    name = Path(track.source).name
     frames, flights = list(mission.frames), list(mission.flights)
-    warnings = list(track.warnings)
-    targets = _targets(frames, flights, path)
     map_frame = mission.header.map_frame
     if map_frame.crs_wkt is None:
         map_frame = choose_map_frame([GpsFix(p.lat_deg, p.lon_deg) for p in track.points], settings.crs)
@@ -75,19 +134,17 @@ def add_track(mission: Mission, path: Path, settings: MapSettings, on_progress: 
         laid = _lay(track, [f for f in frames if f.flight == flight.id], flight.id, settings.ingest)
         if laid is not None:
             fitting.append((flight, laid))
-    if not fitting:
-        raise DataError(f"{path}: no flight of this mission tells when its pictures were taken: a track cannot be laid")
     kept = {t.flight: t for t in mission.tracks}
     places = _search(mission, [laid for _, laid in fitting], map_frame, settings, on_progress)
-    lone = len(fitting) == 1
-    told = []
+    told: dict[int, str] = {}
+    guesses = []
     for flight, laid in fitting:
         shift_s = places.get(flight.id, 0.0)
         if flight.id not in places and not laid.is_sure:
-            if not lone:
+            if not may_guess or len(fitting) > 1:
                 continue  # of several flights it is that of which the motion speaks
-            warnings.append(
-                f"{path.name}: the motion of {flight.name} does not tell when this track was flown: both are taken to "
+            guesses.append(
+                f"{name}: the motion of {flight.name} does not tell when this track was flown: both are taken to "
                 "begin together; check the map, --track-offset SECONDS sets it"
             )
         moved = replace(laid.track, points=tuple(replace(p, time_s=p.time_s - shift_s) for p in laid.track.points))
@@ -100,29 +157,25 @@ def add_track(mission: Mission, path: Path, settings: MapSettings, on_progress: 
             replace(p, attitude=f.attitude) if p.flight == flight.id else f for f, p in zip(frames, placed, strict=True)
         ]
         kept[flight.id] = moved
-        told.append(flight.id)
         total = sum(f.flight == flight.id for f in frames)
-        begins_s = moved.points[0].time_s - min(
-            t for f in frames if f.flight == flight.id and (t := frame_time_s(f)) is not None
-        )
-        warnings.append(
-            f"{path.name}: gives {count} of the {total} frames of {flight.name} their places; the track begins "
+        times_s = [t for f in frames if f.flight == flight.id and (t := frame_time_s(f)) is not None]
+        begins_s = moved.points[0].time_s - min(times_s)
+        told[flight.id] = (
+            f"{name}: gives {count} of the {total} frames of {flight.name} their places; the track begins "
             f"{abs(begins_s):.1f} s {'after' if begins_s >= 0 else 'before'} the first of them"
         )
     if not told:
-        raise DataError(
-            f"{path}: fits no flight of this mission: neither clocks nor motion tell when it was flown; "
-            "--track-offset SECONDS (from the first frame to the track's beginning) sets it"
-        )
-    mission.flights.replace(replace(f, track_source=str(path.absolute())) if f.id in told else f for f in flights)
+        return ()
+    source = track.source if Path(track.source).name == track.source else str(Path(track.source).absolute())
+    mission.flights.replace(replace(f, track_source=source) if f.id in told else f for f in flights)
     mission.tracks.replace(kept[k] for k in sorted(kept))
     mission.frames.replace(frames)
-    names = {f.name for f in flights}
+    names = {f.name for f in flights if f.id in told}
     before = [w for w in mission.header.warnings if not _is_void(w, names)]
-    mission.save_header(
-        replace(mission.header, map_frame=map_frame, warnings=tuple(dict.fromkeys([*before, *warnings])))
-    )
-    return tuple(warnings)
+    said = (*guesses, *told.values())
+    warnings = tuple(dict.fromkeys([*before, *track.warnings, *said]))
+    mission.save_header(replace(mission.header, map_frame=map_frame, warnings=warnings))
+    return said
 
 
 def _targets(frames: Sequence[FrameRef], flights: Sequence[Flight], path: Path) -> list[Flight]:
@@ -176,12 +229,15 @@ def _search(
     """Return by flight by how much its track must be moved, where the clocks do not tell and the motion does."""
     unsure = [k for k in laid if not k.is_sure]
     prepared = {p.frame: p for p in mission.prepared}
-    frames = list(mission.frames)
+    wanted = {k.track.flight for k in unsure}
+    frames = [f for f in mission.frames if f.flight in wanted]
     if not unsure or any(f.index not in prepared for f in frames):
         return {}
     measurements = Measurements(mission, SpectrumShelf(mission), prepared, settings, on_progress)
     measurements.take_kept()
-    paths = sequential_paths(frames, measurements.accepted, prepared)
+    indices = {f.index for f in frames}
+    chain = [r for r in measurements.accepted if r.a in indices and r.b in indices]
+    paths = sequential_paths(frames, chain, prepared)
     found = {}
     for one in unsure:
         flight = one.track.flight

@@ -17,7 +17,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.georef import choose_map_frame, resolve_crs
 from photomap_gis.ingest import open_sources
 from photomap_gis.ingest.dem import check_dem
-from photomap_gis.pipeline.add_track import add_track, split_tracks
+from photomap_gis.pipeline.add_track import add_track, lend_positions, split_tracks
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.reference import ReferenceImage
 from photomap_gis.store import Mission, MissionHeader
@@ -57,7 +57,9 @@ def open_mission(
         keep_dem(mission, settings.dem)
         pictures, tracks = split_tracks(sources)
         if pictures:
+            known_flights = {f.id for f in mission.flights}
             _extend(mission, pictures, settings, look, with_control or bool(mission.load_control().points))
+            lend_positions(mission, [f for f in mission.flights if f.id not in known_flights], settings, on_progress)
         for track in tracks:
             add_track(mission, track, settings, on_progress)
         return mission, keep_drawing(mission, settings)

@@ -2,7 +2,7 @@
 
 from photomap_gis.slam.build import GraphBuilder, bend_of
 from photomap_gis.slam.candidates import Candidate, candidates
-from photomap_gis.slam.lag import ErrorModel, find_shift
+from photomap_gis.slam.lag import ErrorModel, estimate_lag, find_shift
 from photomap_gis.slam.misfit import edge_misfits
 from photomap_gis.slam.optimize import solve
 from photomap_gis.slam.place import placements
@@ -17,6 +17,7 @@ __all__ = [
     "bend_of",
     "candidates",
     "edge_misfits",
+    "estimate_lag",
     "estimate_tilts",
     "find_shift",
     "leans",

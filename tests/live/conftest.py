@@ -44,7 +44,7 @@ class Flown:
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
     folder = tmp_path_factory.mktemp("live-flight")
     spec = FlightSpec(
-        frames=170, altitude_m=45.0, speed_m_s=7.0, width_px=480, height_px=320, video_rate_hz=8.0, side_overlap=0.5,
+        frames=140, altitude_m=45.0, speed_m_s=7.0, width_px=480, height_px=320, video_rate_hz=8.0, side_overlap=0.5,
         bitrate_bit_s=3_000_000, motion=Motion(tilt_deg=0.5), seed=4,
     )  # fmt: skip
     size = required_size_m(spec, video=True)

@@ -42,10 +42,10 @@ with flight:
 @pytest.mark.slow
 def test_killed_and_resumed(flown: Flown, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "mission"
-    done = subprocess.run([sys.executable, "-c", KILLED, str(flown.video), str(folder), "77"], check=False)
+    done = subprocess.run([sys.executable, "-c", KILLED, str(flown.video), str(folder), "61"], check=False)
     assert done.returncode == -signal.SIGKILL
     frames = [json.loads(line) for line in (folder / "live" / "journal.jsonl").read_text().splitlines()]
-    assert sum(line["t"] == "frame" for line in frames) == 77  # what was decided is there
+    assert sum(line["t"] == "frame" for line in frames) == 61  # what was decided is there
     before = len((folder / "frames.jsonl").read_text().splitlines())
     with (folder / "frames.jsonl").open("ab") as file:
         file.write(b'{"index": 99, "na')  # the line that it was writing
@@ -55,5 +55,5 @@ def test_killed_and_resumed(flown: Flown, tmp_path: Path, capsys: pytest.Capture
     document = json.loads(capsys.readouterr().out)
     assert document["keyframes"] > before
     assert document["segments"]["pieces_at_landing"] == 1
-    assert document["frames"] >= len(flown.refs) - 77 - 1
+    assert document["frames"] >= len(flown.refs) - 61 - 1
     assert main(["export", str(folder), "--geotiff", "-o", str(tmp_path / "map.tif")]) == 0

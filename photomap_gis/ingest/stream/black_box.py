@@ -23,7 +23,7 @@ import av
 from av.error import FFmpegError
 
 from photomap_gis.core.live import LiveClock
-from photomap_gis.ingest.box_files import TICKS_HZ, VERSION, BoxIndex, FrameRecord
+from photomap_gis.ingest.box_files import TICKS_HZ, VERSION, BoxIndex, FrameRecord, is_recording, read_contents
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +37,8 @@ _PIECE_S = 300.0
 _JUMP_S = 5.0
 _FLUSH_EVERY_S = 1.0
 _MAX_WAITING = 900
+_MOST_UNTIMED = 60
+_USUAL_INTERVAL_S = 1.0 / 30.0
 _LEAST_FREE_BYTES = 64 << 20
 """What must stay free: the map's own journal is worth more than the last minutes of video."""
 
@@ -73,10 +75,12 @@ class BlackBox:
         self.folder = folder
         self.problem: str | None = None
         self._clock, self._free_bytes = clock, free_bytes
-        self._index = BoxIndex(folder)
+        # What a session that was cut off has left stays, and what comes now is added to it.
         self._number = _last_piece(folder)
-        self._connection = 0
+        self._connection = _last_connection(folder)
+        self._index = BoxIndex(folder)
         self._open: list[_Piece] = []
+        self._untimed: list[Any] = []
         self._template: tuple[Any, tuple[Any, ...]] | None = None
         self._flushed_s = clock.now_s()
         self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(_MAX_WAITING)
@@ -97,6 +101,7 @@ class BlackBox:
     def connect(self, video: Any, data: tuple[Any, ...]) -> None:
         """Begin a connection: its packets have streams, time stamps and a decoder of their own."""
         self._connection += 1
+        self._untimed = []
         self._close_piece()
         self._template = (video, data)
 
@@ -104,8 +109,34 @@ class BlackBox:
         """Keep one packet of the connection (before it is decoded: the decoder may change it)."""
         if self.problem is not None or self._template is None:
             return
+        video = self._template[0]
+        copy = av.Packet(bytes(packet))
+        copy.pts, copy.dts, copy.time_base = packet.pts, packet.dts, packet.time_base
+        copy.is_keyframe, copy.duration = packet.is_keyframe, packet.duration
+        if copy.dts is None:
+            copy.dts = copy.pts
+        if packet.stream is not video:
+            self._keep(copy, packet.stream)
+            return
+        if copy.dts is None:
+            # The first packets of an RTP session may tell no time: they go before the first that does.
+            if len(self._untimed) < _MOST_UNTIMED:
+                self._untimed.append(copy)
+            return
+        if copy.pts is None:
+            copy.pts = copy.dts
+        untimed, self._untimed = self._untimed, []
+        step = max(1, round(_USUAL_INTERVAL_S / float(copy.time_base)))
+        for before, early in zip(range(len(untimed), 0, -1), untimed, strict=True):
+            early.pts = early.dts = copy.dts - before * step
+            self._keep(early, video)
+        self._keep(copy, video)
+
+    def _keep(self, packet: Any, stream: Any) -> None:
+        """Give a packet its piece and have it written."""
+        assert self._template is not None  # told apart by the caller
         video, data = self._template
-        is_video = packet.stream is video
+        is_video = stream is video
         if is_video and self._needs_piece(packet, video):
             self._close_piece()
             if not self._begin_piece(packet, video, data):
@@ -113,20 +144,14 @@ class BlackBox:
         if not self._open:
             return  # metadata before the first key frame
         piece = self._open[-1]
-        target = piece.streams.get(packet.stream.index)
+        target = piece.streams.get(stream.index)
         if target is None:
             return
-        copy = av.Packet(bytes(packet))
-        copy.pts, copy.dts, copy.time_base = packet.pts, packet.dts, packet.time_base
-        copy.is_keyframe, copy.duration = packet.is_keyframe, packet.duration
-        if copy.dts is None:
-            copy.dts = copy.pts
         if is_video:
-            if packet.pts is not None:
-                insort(piece.stamps, packet.pts)
+            insort(piece.stamps, packet.pts)
             piece.last_dts_s = _dts_s(packet, piece.last_dts_s)
         container, path = piece.container, piece.path
-        self._do(lambda: _mux(container, path, target, copy))
+        self._do(lambda: _mux(container, path, target, packet))
         self._flush_now_and_then()
 
     def frame(self, decoded: Any, stream_time_s: float, arrival_s: float) -> None:
@@ -276,3 +301,11 @@ def _last_piece(folder: Path) -> int:
     """The highest number of the pieces that are there: a session that is resumed adds to them."""
     numbers = [p.stem.removeprefix("piece-") for p in folder.glob("piece-*")]
     return max((int(n) for n in numbers if n.isdigit()), default=0)
+
+
+def _last_connection(folder: Path) -> int:
+    if not is_recording(folder):
+        return 0
+    contents = read_contents(folder)
+    named = [int(line.get("connection", 0)) for line in contents.of_kind("piece")]
+    return max([0, *named, *(f.connection for f in contents.frames)])

@@ -29,7 +29,7 @@ class Limits:
     stall_s: float = 3.0
     first_retry_s: float = 0.5
     last_retry_s: float = 5.0
-    give_up_s: float | None = 120.0
+    give_up_s: float | None = 60.0
     no_key_frame_s: float = 5.0
 
 

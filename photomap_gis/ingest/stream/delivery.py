@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from av.error import FFmpegError
+
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import FrameRef, GpsFix
@@ -99,3 +101,14 @@ def pts_s(decoded: Any) -> float | None:
     if decoded.pts is None or decoded.time_base is None:
         return None
     return float(decoded.pts * decoded.time_base)
+
+
+def held_back(decoder: Any, time_base: Any) -> list[Any]:
+    """Return the frames that a decoder still holds at the end of its stream, with the time base that they lack."""
+    try:
+        frames = list(decoder.decode(None))
+    except (FFmpegError, EOFError):
+        return []
+    for frame in frames:
+        frame.time_base = time_base
+    return frames

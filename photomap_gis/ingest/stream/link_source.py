@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +14,7 @@ from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.stream.addresses import Address
 from photomap_gis.ingest.stream.black_box import BlackBox
 from photomap_gis.ingest.stream.connect import Connection, Connector, Limits, NobodySendsError, Plain
-from photomap_gis.ingest.stream.delivery import Delivery, pts_s
+from photomap_gis.ingest.stream.delivery import Delivery, held_back, pts_s
 from photomap_gis.ingest.stream.file_source import set_low_latency
 from photomap_gis.ingest.stream.timeline import Timeline
 
@@ -165,8 +164,8 @@ class LinkSource:
                     yield from self._back(silent_since_s, arrival_s)
                     silent_since_s = None
                     yield from self._frame(decoded, arrival_s)
-            with contextlib.suppress(FFmpegError, EOFError):  # what the decoder still holds
-                for decoded in video.codec_context.decode(None) if not self._closed.is_set() else ():
+            if not self._closed.is_set():
+                for decoded in held_back(video.codec_context, video.time_base):
                     yield from self._frame(decoded, self._clock.now_s())
         finally:
             connection.close()

@@ -13,13 +13,13 @@ import av
 from av.error import FFmpegError
 
 from photomap_gis.core.errors import DataError
-from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.live import EndReason, GapKind, LiveClock, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.ingest.box_files import TICKS_HZ, BoxContents, FrameRecord, piece_path, read_contents, started_utc_s
 from photomap_gis.ingest.decode import frame_index
 from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.ingest.photos import photo_footage
 from photomap_gis.ingest.stills import read_photo
-from photomap_gis.ingest.stream.delivery import Delivery, pts_s
+from photomap_gis.ingest.stream.delivery import Delivery, held_back, pts_s
 from photomap_gis.ingest.stream.file_source import FileSource, set_low_latency
 from photomap_gis.ingest.stream.picture import ArrayPicture
 from photomap_gis.ingest.stream.timeline import Moment, Timeline
@@ -130,7 +130,7 @@ def _events(contents: BoxContents, options: IngestOptions, clock: LiveClock) -> 
         elif line["kind"] == "file":
             events = _of_file(line, options, clock, records)
         else:
-            events = _of_photo(line)
+            events = _of_photo(line, options)
         for event in events:
             if isinstance(event, LiveFrame):
                 while gaps and gaps[0][0] <= event.index:
@@ -147,6 +147,8 @@ def _of_connection(
 ) -> Iterator[StreamEvent]:
     """Yield the frames of one connection: its pieces go through one decoder, as they did."""
     decoder: Any = None
+    time_base: Any = None
+    last: Path | None = None
     held: list[Any] = []  # the decoder lives in the first piece's container
     connection = int(lines[0].get("connection", 0))
     try:
@@ -167,11 +169,12 @@ def _of_connection(
             if decoder is None:
                 set_low_latency(video)
                 decoder = video.codec_context
+            time_base, last = video.time_base, path
             yield from _of_piece(container, video, decoder, path, connection, delivery, records)
             if len(held) > 1:
                 held.pop().close()
         if decoder is not None:
-            yield from _frames(_decoded(decoder, None), None, connection, delivery, records)
+            yield from _frames(held_back(decoder, time_base), last, connection, delivery, records)
     finally:
         for container in held:
             container.close()
@@ -234,12 +237,15 @@ def _of_file(
             yield event
 
 
-def _of_photo(line: Mapping[str, Any]) -> Iterator[StreamEvent]:
-    ref = FrameRef(
-        index=int(line["index"]), name=Path(str(line["path"])).name, source=str(line["path"]),
-        width_px=int(line["width_px"]), height_px=int(line["height_px"]), pts_s=float(line["stream_time_s"]),
-    )  # fmt: skip
-    yield LiveFrame(ref, ArrayPicture(read_photo(ref).image), float(line["arrival_s"]))
+def _of_photo(line: Mapping[str, Any], options: IngestOptions) -> Iterator[StreamEvent]:
+    path = Path(str(line.get("path")))
+    arrival_s, stream_s = float(line.get("arrival_s", 0.0)), float(line.get("stream_time_s", 0.0))
+    try:
+        ref = photo_footage([path], options).frames[0]
+        ref = replace(ref, index=int(line.get("index", 0)), pts_s=stream_s)
+        yield LiveFrame(ref, ArrayPicture(read_photo(ref).image), arrival_s)
+    except DataError as error:
+        yield StreamGap(GapKind.FILE_LEFT_OUT, stream_s, arrival_s, str(error), frames_lost=1)
 
 
 def _gap(line: Mapping[str, Any]) -> tuple[int, StreamGap] | None:

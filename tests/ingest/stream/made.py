@@ -40,13 +40,14 @@ def picture(number: int, size: tuple[int, int] = (96, 64)) -> np.ndarray:
 def write_video(
     path: Path, *, count: int = 30, rate: int = 10, size: tuple[int, int] = (96, 64), gop: int = 5,
     pts: list[int] | None = None, codec: str = "libx264", first: int = 0,
+    b_frames: int = 0,
 ) -> Path:  # fmt: skip
     """Write a video of ``picture``s; ``pts`` are in milliseconds."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate)
         stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
         stream.codec_context.gop_size = gop
-        stream.codec_context.max_b_frames = 0
+        stream.codec_context.max_b_frames = b_frames
         stream.codec_context.time_base = Fraction(1, 1000)
         for i in range(count):
             frame = av.VideoFrame.from_ndarray(picture(first + i, size), format="bgr24")

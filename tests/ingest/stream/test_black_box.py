@@ -16,6 +16,7 @@ from photomap_gis.core.errors import DataError, LinkError
 from photomap_gis.core.live import EndReason, GapKind, LiveFrame, StreamEvent, StreamFix, StreamGap
 from photomap_gis.ingest.decode import read_video_frame
 from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.ingest.sources import open_sources
 from photomap_gis.ingest.stream import open_stream
 from photomap_gis.ingest.stream.addresses import Address
 from photomap_gis.ingest.stream.black_box import BlackBox
@@ -86,6 +87,18 @@ def test_reconnections_sizes_and_jumps_come_back_as_they_were(tmp_path: Path) ->
             assert np.array_equal(read_video_frame(Path(frame.ref.source), frame.ref.frame_number), frame.image)
 
 
+@pytest.mark.parametrize("suffix", [".ts", ".mp4"])
+def test_frames_that_were_sent_out_of_order(tmp_path: Path, suffix: str) -> None:
+    tapes = [write_video(tmp_path / f"{n}{suffix}", count=23, first=23 * n, b_frames=2, gop=8) for n in range(2)]
+    clock = FakeClock()
+    with BlackBox(tmp_path / "box", clock, source="x", free_bytes=lambda _: PLENTY) as box:
+        frames = frames_of(fly(clock, *tapes, box=box))
+    assert len(frames) == 46
+    assert same(frames_of(list(open_stream(tmp_path / "box", realtime=False))), frames)
+    for frame in frames[:40:7]:
+        assert np.array_equal(read_video_frame(Path(frame.ref.source), frame.ref.frame_number), frame.image)
+
+
 def test_a_full_disk_ends_the_recording_and_not_the_flight(tmp_path: Path) -> None:
     clock = FakeClock()
     tape = write_video(tmp_path / "a.ts", count=30)
@@ -131,6 +144,7 @@ def test_metadata_is_kept_with_the_pictures(tmp_path: Path, shared_data: Path) -
 CHILD = """
 import sys
 from pathlib import Path
+from photomap_gis.ingest.sources import open_sources
 from photomap_gis.ingest.stream import open_stream
 for event in open_stream(sys.argv[1], recording=Path(sys.argv[2])):
     if hasattr(event, "picture"):
@@ -185,3 +199,30 @@ def test_a_played_file_is_noted_by_name(tmp_path: Path) -> None:
     frames = frames_of(list(open_stream(video, realtime=False, recording=tmp_path / "box", clock=FakeClock())))
     assert same(frames_of(list(open_stream(tmp_path / "box", realtime=False))), frames)
     assert not list((tmp_path / "box").glob("piece*"))
+
+
+def test_a_session_that_was_cut_off_and_resumed_is_one_recording(tmp_path: Path) -> None:
+    box = tmp_path / "box"
+    clock = FakeClock()
+    flown: list[LiveFrame] = []
+    starts = []
+    for n in range(2):
+        tape = write_video(tmp_path / f"{n}.ts", count=20, first=20 * n)
+        with BlackBox(box, clock, source="x", free_bytes=lambda _: PLENTY) as recorder:
+            starts.append(clock.now_s())
+            flown += frames_of(fly(clock, tape, box=recorder))
+        if n == 0:  # cut: the last record is half written, the last line too
+            with (box / "frames.idx").open("ab") as file:
+                file.write(b"half")
+            with (box / "index.jsonl").open("ab") as file:
+                file.write(b'{"kind": "ga')
+        clock.sleep(40.0)
+    again = frames_of(list(open_stream(box, realtime=False)))
+    assert [f.index for f in again] == list(range(40))
+    assert all(np.array_equal(a.image, b.image) for a, b in zip(again, flown, strict=True))
+    later_s = starts[1] - starts[0]
+    assert np.allclose([f.stream_time_s for f in again[20:]], [later_s + f.stream_time_s for f in flown[20:]])
+    footage = open_sources([box], IngestOptions(frame_rate_hz=10.0))
+    assert len(footage.flights) == 1
+    times_s = [f.time_s for f in footage.frames]
+    assert times_s[-1] - times_s[0] == pytest.approx(again[-1].stream_time_s, abs=0.2)

@@ -84,3 +84,10 @@ def test_misb_metadata_comes_between_the_frames(shared_data: Path) -> None:
     assert len(fixes) > 200 and len(frames) > 200
     assert abs(fixes[0].fix.lat_deg - 34.72) < 0.01 and fixes[0].attitude is not None
     assert abs((fixes[-1].utc_s - fixes[0].utc_s) - (fixes[-1].stream_time_s - fixes[0].stream_time_s)) < 0.1
+
+
+def test_frames_that_are_stored_out_of_order_come_in_theirs(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", count=23, b_frames=2, gop=8)
+    frames = [e for e in open_stream(video, realtime=False) if isinstance(e, LiveFrame)]
+    assert [f.ref.frame_number for f in frames] == list(range(23))
+    assert np.allclose([f.stream_time_s for f in frames], np.arange(23) / 10)

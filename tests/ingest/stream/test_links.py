@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import re
+import select
+import shutil
 import socket
+import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
-from photomap_gis.core.errors import LinkError, PhotomapError, UsageError
+from photomap_gis.core.errors import LinkError, MissingExtraError, PhotomapError, UsageError
 from photomap_gis.core.live import EndReason, GapKind, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.ingest.decode import read_video_frame
 from photomap_gis.ingest.stream import open_stream
@@ -147,7 +153,6 @@ def test_what_is_no_address_is_refused(text: str) -> None:
 
 def test_a_web_server_that_is_no_camera(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
-        import threading
 
         def answer() -> None:
             for body in (b"404 Not Found", b"200 OK"):
@@ -167,8 +172,6 @@ def test_a_web_server_that_is_no_camera(tmp_path: Path) -> None:
 
 
 def test_a_playlist_is_played_at_its_rate_to_its_end(tmp_path: Path, video: Path) -> None:
-    import av
-
     with av.open(str(video)) as source, av.open(str(tmp_path / "a.m3u8"), "w", format="hls",
                                                 options={"hls_time": "1", "hls_list_size": "0"}) as target:  # fmt: skip
         stream = source.streams.video[0]
@@ -182,3 +185,144 @@ def test_a_playlist_is_played_at_its_rate_to_its_end(tmp_path: Path, video: Path
     frames = frames_of(events)
     assert events[-1].reason is EndReason.END_OF_FILE and len(frames) >= 20
     assert np.allclose(np.diff([f.arrival_s for f in frames]), 0.1, atol=0.02)
+
+
+def test_srt_by_the_systems_relay(video: Path) -> None:
+    relay = shutil.which("srt-live-transmit")
+    if relay is None:
+        pytest.skip("srt-live-transmit is not installed (package srt-tools)")
+    udp, srt = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
+    source = open_stream(f"srt://127.0.0.1:{srt}?mode=listener", limits=QUICK)
+    with sending(video, f"udp://127.0.0.1:{udp}?pkt_size=1316", "mpegts"):
+        drone = subprocess.Popen(
+            [relay, "-q", f"udp://127.0.0.1:{udp}", f"srt://127.0.0.1:{srt}?mode=caller"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        try:
+            events = iter(source)
+            live = take(events, 20)
+            source.close()
+            list(events)
+        finally:
+            drone.kill()
+            drone.wait()
+    assert len(frames_of(live)) == 20
+
+
+def test_srt_without_a_relay_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(MissingExtraError, match="srt-tools"):
+        open_stream("srt://192.0.2.1:9000")
+
+
+class RtspServer:
+    """One client at a time: H.264 by RTP, within the conversation (TCP) or as datagrams where ``udp_only``."""
+
+    def __init__(self, video: Path, *, udp_only: bool = False) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self._udp_only = udp_only
+        with av.open(str(video)) as container:
+            stream = container.streams.video[0]
+            bits = av.BitStreamFilterContext("h264_mp4toannexb", stream)
+            packets = [q for p in container.demux(stream) if p.size for q in bits.filter(p)]
+            self._units = [(float(p.pts * p.time_base), bytes(p)) for p in packets]
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            with connection, contextlib.suppress(OSError):
+                self._talk(connection)
+
+    def _talk(self, connection: socket.socket) -> None:
+        reader = connection.makefile("rb")
+        target = None
+        while True:
+            lines = []
+            while (line := reader.readline().strip()) or not lines:
+                if not line:
+                    return
+                lines.append(line.decode())
+            fields = {k.lower(): v for k, _, v in (x.partition(": ") for x in lines[1:])}
+            method, sequence = lines[0].split()[0], fields["cseq"]
+            extra, body = "", ""
+            status = "200 OK"
+            if method == "OPTIONS":
+                extra = "Public: OPTIONS, DESCRIBE, SETUP, PLAY, TEARDOWN\r\n"
+            elif method == "DESCRIBE":
+                body = (
+                    "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=drone\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\n"
+                    "a=rtpmap:96 H264/90000\r\na=fmtp:96 packetization-mode=1\r\na=control:track1\r\n"
+                )
+                extra = "Content-Type: application/sdp\r\n"
+            elif method == "SETUP":
+                transport = fields["transport"]
+                if "TCP" in transport and self._udp_only:
+                    status = "461 Unsupported transport"
+                else:
+                    port = re.search(r"client_port=(\d+)", transport)
+                    target = ("127.0.0.1", int(port.group(1))) if port else None
+                    more = ";server_port=50000-50001" if port else ""
+                    extra = f"Transport: {transport.split(',')[0]}{more}\r\nSession: 1\r\n"
+            head = f"RTSP/1.0 {status}\r\nCSeq: {sequence}\r\n{extra}Content-Length: {len(body)}\r\n\r\n"
+            connection.sendall((head + body).encode())
+            if method == "PLAY":
+                self._play(connection, target)
+                return
+
+    def _play(self, connection: socket.socket, target: tuple[str, int] | None) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams:
+            number = 0
+            for turn in range(30):
+                for time_s, unit in self._units:
+                    payloads = list(_payloads(unit))
+                    for k, payload in enumerate(payloads):
+                        number = (number + 1) % 65_536
+                        ticks = round((time_s + 4.0 * turn) * 90_000)
+                        marker = 0x80 if k == len(payloads) - 1 else 0
+                        packet = struct.pack(">BBHII", 0x80, 96 | marker, number, ticks, 77) + payload
+                        if target is None:
+                            connection.sendall(b"$\x00" + struct.pack(">H", len(packet)) + packet)
+                        else:
+                            datagrams.sendto(packet, target)
+                            select.select([], [], [], 0.002)
+
+    def close(self) -> None:
+        self._listener.close()
+
+
+def _payloads(unit: bytes) -> Iterator[bytes]:
+    """An access unit as RTP payloads: small NAL units whole, large ones in fragments (FU-A)."""
+    for nal in re.split(b"\x00\x00\x00\x01|\x00\x00\x01", unit):
+        if not nal:
+            continue
+        if len(nal) <= 1200:
+            yield nal
+            continue
+        kind = nal[0] & 0x1F
+        pieces = [nal[1 + k : 1 + k + 1200] for k in range(0, len(nal) - 1, 1200)]
+        for k, piece in enumerate(pieces):
+            flags = (0x80 if k == 0 else 0) | (0x40 if k == len(pieces) - 1 else 0)
+            yield bytes([nal[0] & 0xE0 | 28, flags | kind]) + piece
+
+
+@pytest.mark.parametrize("udp_only", [False, True])
+def test_rtsp_by_tcp_first_and_by_udp_where_it_must(video: Path, tmp_path: Path, udp_only: bool) -> None:
+    server = RtspServer(video, udp_only=udp_only)
+    source = open_stream(f"rtsp://user:pass@127.0.0.1:{server.port}/x", limits=QUICK, recording=tmp_path / "box")
+    assert source.name == f"rtsp://127.0.0.1:{server.port}/x"
+    events = iter(source)
+    live = take(events, 25)
+    source.close()
+    live += list(events)
+    server.close()
+    frames = frames_of(live)
+    assert len(frames) >= 25
+    steps = np.diff([f.stream_time_s for f in frames])
+    assert np.median(steps) == pytest.approx(0.1, abs=0.02)
+    again = frames_of(list(open_stream(tmp_path / "box", realtime=False)))
+    assert all(np.array_equal(a.image, b.image) for a, b in zip(again, frames, strict=True))

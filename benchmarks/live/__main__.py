@@ -1,0 +1,50 @@
+"""Measure the live session: ``python -m benchmarks.live [--seconds N] [--frames N] [--only SECTION ...] [-o DIR]``.
+
+The exit code is 1 where a bar is missed. Run it on an idle machine: it plays in real time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import time
+from pathlib import Path
+
+from ..registration.report import document, markdown
+from . import memory, realtime
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.live", description=__doc__)
+    names = ("realtime", "memory")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/live"), help="folder for videos and missions")
+    parser.add_argument("--seconds", type=int, default=60, help="length of the video that is played")
+    parser.add_argument("--size", default="1280x720", help="of its frames")
+    parser.add_argument("--frames", type=int, default=6000, help="length of the flight whose memory is watched")
+    parser.add_argument("--only", nargs="+", choices=names, default=list(names), metavar="SECTION")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
+    chosen = parser.parse_args(arguments)
+    logging.disable(logging.WARNING)
+    width, height = (int(v) for v in chosen.size.split("x"))
+    sections = []
+    for name in chosen.only:
+        start = time.perf_counter()
+        if name == "realtime":
+            section = realtime.measure(chosen.output, seconds=chosen.seconds, width_px=width, height_px=height)
+        else:
+            section = memory.measure(chosen.output, frames=chosen.frames, seconds=min(chosen.seconds, 40))
+        print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
+        print(markdown(section), flush=True)
+        sections.append(section)
+    if chosen.json is not None:
+        chosen.json.write_text(json.dumps([document(s) for s in sections], indent=1) + "\n", encoding="utf-8")
+    missed = [f"{s.name}: {f.name}" for s in sections for f in s.missed]
+    print("\n".join(["Missed:", *(f"- {m}" for m in missed)]) if missed else "Every bar is met.")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
