@@ -289,3 +289,19 @@ def test_a_waiting_map_shows_the_drone_in_grey(browser, tmp_path):
         drone = "photomap.live.source.getFeatures().find(f => f.get('role') === 'drone').get('placed')"
         assert page.evaluate(drone) is False
         assert page.evaluate("photomap.live.source.getFeatures().some(f => f.get('role') === 'footprint')") is False
+
+
+@needs_page
+def test_who_came_with_the_token_watches_and_marks(browser, tmp_path):
+    session = session_in(tmp_path)
+    with (
+        live_server(session, token="correct-horse") as served,
+        page_of(browser, f"{served.url}?token=correct-horse") as page,
+    ):
+        assert "token" not in page.url
+        fly(page, session, 30)
+        settled(page)
+        page.mouse.move(*pixel_of(page, *page.evaluate("photomap.live.state.pose.centre")))
+        page.keyboard.press("2")
+        page.locator("#find-list li", has_text="Victim 1 ±").wait_for()
+        page.wait_for_function("() => document.querySelector('#find-list img')?.naturalWidth > 50")
