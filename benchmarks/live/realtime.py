@@ -17,7 +17,7 @@ import numpy as np
 
 from photomap_gis.cli.serve_view import open_view
 from photomap_gis.live.flight import Flight, FlightRequest, open_flight
-from photomap_gis.live.tracker import Step
+from photomap_gis.live.steps import Step
 from photomap_gis.server import Access, BoundServer, Host, create_app
 from photomap_gis.server.live_view import LiveEvent, LivePicture, LiveSolution, LiveTiles
 

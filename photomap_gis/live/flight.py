@@ -29,7 +29,7 @@ from photomap_gis.live.locate import FromTelemetry
 from photomap_gis.live.opening import RECORDING, Ready, begin_session, is_video_file, resume_session, whole_keys
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.session import Session
-from photomap_gis.live.tracker import Step
+from photomap_gis.live.steps import Step
 from photomap_gis.live.view import LiveView, starting_state
 from photomap_gis.pipeline import MapSummary
 from photomap_gis.pipeline.live_lag import picture_lag

@@ -8,7 +8,7 @@ from typing import Any
 from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import Attitude, FrameRef, GpsFix
 from photomap_gis.core.similarity import Similarity2D
-from photomap_gis.live.tracker import Step
+from photomap_gis.live.steps import Step
 
 
 def place_of(ref: FrameRef) -> list[Any] | None:

@@ -22,7 +22,7 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D
 from photomap_gis.georef import accuracy, choose_map_frame, fix_to_map, observe, plane_view
 from photomap_gis.ifmi import Prior, make_working, register
 from photomap_gis.live.chart import LiveSolution, solution_of
-from photomap_gis.live.tracker import Tie
+from photomap_gis.live.steps import Tie
 from photomap_gis.pipeline.measure import MIN_OVERLAP
 from photomap_gis.pipeline.prepare import SpectrumShelf, keep_working
 from photomap_gis.pipeline.settings import MapSettings

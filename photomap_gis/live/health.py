@@ -7,7 +7,7 @@ from collections import deque
 from photomap_gis.core.live import GapKind, StreamGap
 from photomap_gis.live.locate import Locator
 from photomap_gis.live.loop import Tally
-from photomap_gis.live.tracker import FrameState, Step
+from photomap_gis.live.steps import FrameState, Step
 from photomap_gis.server.live_view import GpsState, LinkState, LiveHealth
 
 EVERY_S = 1.0

@@ -18,7 +18,8 @@ from photomap_gis.live.hand import Again, Command, Lay, Move, Take, Told
 from photomap_gis.live.journal import LineLog
 from photomap_gis.live.lattice import choose_lattice
 from photomap_gis.live.options import LiveOptions
-from photomap_gis.live.tracker import FrameState, NewKey, Step, Tracker, is_video, wide_covariance
+from photomap_gis.live.steps import FrameState, NewKey, Step
+from photomap_gis.live.tracker import Tracker, is_video, wide_covariance
 
 MERGED_S = 1.0
 MOST_INTERVALS = 5000

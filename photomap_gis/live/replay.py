@@ -29,7 +29,7 @@ from photomap_gis.live.journal import FOLDER, JOURNAL, RENDER, LineLog, load_ses
 from photomap_gis.live.locate import FromJournal, FromTelemetry
 from photomap_gis.live.loop import FlightLoop
 from photomap_gis.live.opening import is_video_file, locator_of, session_options
-from photomap_gis.live.tracker import Tie
+from photomap_gis.live.steps import Tie
 from photomap_gis.store import Mission
 
 TOLERANCE = 1e-9

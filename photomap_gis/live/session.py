@@ -32,7 +32,8 @@ from photomap_gis.live.journal import FOLDER, JOURNAL, RENDER, LineLog
 from photomap_gis.live.locate import Locator
 from photomap_gis.live.loop import FlightLoop
 from photomap_gis.live.options import LiveOptions
-from photomap_gis.live.tracker import Step, frame_placement
+from photomap_gis.live.steps import Step
+from photomap_gis.live.tracker import frame_placement
 from photomap_gis.live.view import LiveView
 from photomap_gis.server.live_view import (
     LivePhase,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +38,7 @@ from photomap_gis.ifmi.working import shrink
 from photomap_gis.ingest.stills import PHOTO_SUFFIXES
 from photomap_gis.live.chart import Belief, Chart, LiveSolution, placed
 from photomap_gis.live.options import LiveOptions
+from photomap_gis.live.steps import FrameState, Joined, NewKey, Step, Tie
 from photomap_gis.pipeline.solved import plane_outline
 
 LONGEST_STREAK = 8
@@ -58,69 +58,6 @@ MANY, FEW = 120, 8
 """Key frames that a new segment is compared with, and each of its further key frames."""
 SPOILT_PHOTO = (Fault.TORN, Fault.STALE, Fault.BLOCKS)
 GRID = np.stack(np.meshgrid((np.arange(9) + 0.5) / 9.0, (np.arange(9) + 0.5) / 9.0), axis=-1).reshape(-1, 2)
-
-
-class FrameState(StrEnum):
-    """What became of a frame in the loop."""
-
-    TRACKED = "tracked"
-    KEY = "key"
-    REPEATED = "repeated"
-    """The picture before once more, as pulled-down or stuttering video has it: it lies where that lay."""
-    ERROR = "error"
-    WAITING = "waiting"
-
-
-@dataclass(frozen=True, slots=True)
-class Tie:
-    """A motion ``T_a_b`` between the planes of two key frames that the loop has seen; the graph measures it anew."""
-
-    a: int
-    b: int
-    T_a_b: Similarity2D
-    kind: EdgeKind = EdgeKind.SEQUENTIAL
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NewKey:
-    """A key frame that the loop has chosen: ``grey`` ``(h, w)`` is its raster, ``tie`` what it was reached from."""
-
-    ref: FrameRef
-    grey: ImageArray
-    belief: Belief
-    segment: int
-    stream_time_s: float
-    tie: Tie | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Joined:
-    """A segment was recognised: the tie that says so, and the key frames that moved."""
-
-    segment: int
-    into: int
-    tie: Tie
-    moved: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """What the loop made of a frame: its pose (``None``: the map waits), and what else it decided.
-
-    ``promoted`` is the frame before, where it became a key frame because this one does not reach back any further.
-    """
-
-    ref: FrameRef
-    state: FrameState
-    belief: Belief | None
-    view: PlaneView
-    segment: int
-    reason: str | None = None
-    promoted: NewKey | None = None
-    key: NewKey | None = None
-    joined: Joined | None = None
-    began: int | None = None
-    probability: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,7 +224,8 @@ class Tracker:
         if _new_share(key.ref, seen.ref, T_key_px) >= self._options.new_ground:
             if self._is_spoilt(key, seen, found, verdict) and self._spoilt_in_a_row < MOST_SPOILT:
                 self._spoilt_in_a_row += 1
-                return self._waits(seen.ref, seen.view, FrameState.ERROR, "spoilt in part")
+                waits = self._waits(seen.ref, seen.view, FrameState.ERROR, "spoilt in part")
+                return replace(waits, promoted=promoted)
             T_key_plane = between_planes(key.view, seen.view, T_key_px, seen.ref)
             before = _Tracked(last.seen, T_key_px.inverse() @ last.T_key_px, None)
             new_key = self._make_key(seen, belief, self._segment, T_key_plane, before)
