@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -35,7 +34,7 @@ def command(
 
     Datagrams are not acknowledged: sent does not mean received. Over tcp:// and tls:// a server must be there.
     """
-    from photomap_gis.export.cot import CotDrone, CotFind, CotPusher, stable_uid
+    from photomap_gis.export.cot import CotDrone, CotFind, CotPusher, cot_find, stable_uid
     from photomap_gis.export.finds import read_finds
 
     if finds is None and at is None:
@@ -48,13 +47,7 @@ def command(
         values.append(CotDrone(stable_uid("try", cot_callsign), cot_callsign, lat_deg, lon_deg, remarks="a try"))
     if finds is not None:
         path = finds / FINDS if finds.is_dir() else finds
-        for n, find in enumerate(read_finds(path)):
-            values.append(
-                CotFind(
-                    stable_uid(str(path.absolute()), "find", n), find.name, find.lat_deg, find.lon_deg, find.ce90_m,
-                    remarks=find.remarks, seen_utc=_moment(find.time_utc),
-                )
-            )  # fmt: skip
+        values += [cot_find(find) for find in read_finds(path)]
     with CotPusher(address) as push:
         for value in values:
             push.put(value)
@@ -80,11 +73,3 @@ def _place(text: str) -> tuple[float, float]:
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
         raise UsageError(f"--at {text}: latitudes lie within ±90 degrees, longitudes within ±180")
     return lat, lon
-
-
-def _moment(text: str | None) -> datetime | None:
-    try:
-        moment = None if text is None else datetime.fromisoformat(text.replace("Z", "+00:00"))
-    except ValueError:
-        return None
-    return moment if moment is None or moment.tzinfo else moment.replace(tzinfo=UTC)

@@ -9,7 +9,7 @@ import numpy as np
 
 from photomap_gis.core.accuracy import CE90_PER_RMSE_R
 from photomap_gis.core.errors import PhotomapError
-from photomap_gis.export.cot import CotDrone, CotFind, CotFootprint, stable_uid
+from photomap_gis.export.cot import CotDrone, CotFind, CotFootprint, cot_find, stable_uid
 from photomap_gis.export.finds import read_finds
 from photomap_gis.find_store import FINDS_FILE
 from photomap_gis.georef import map_to_lonlat
@@ -42,11 +42,7 @@ def _finds(folder: Path) -> Values:
     if not path.is_file():
         return []
     try:
-        finds = read_finds(path)
+        finds = read_finds(path, may_be_none=True)
     except PhotomapError:
         return []  # being written just now: the next second tells
-    base = str(path.absolute())
-    return [
-        CotFind(stable_uid(base, "find", n), f.name, f.lat_deg, f.lon_deg, f.ce90_m, remarks=f.remarks)
-        for n, f in enumerate(finds)
-    ]
+    return [cot_find(f) for f in finds]

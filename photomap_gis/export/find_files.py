@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import json
-import uuid
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from enum import StrEnum
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
+from photomap_gis.export.cot import cot_find, encode
 from photomap_gis.export.finds import Find
 
-_NAMESPACE = uuid.UUID("5b1d9c56-3a41-5f0e-8f3e-7f1f0b6f8a52")
-_VALID = timedelta(days=365)
-_UNKNOWN = "9999999.0"
 _KML_COLOURS = {"intruder": "ff0000ff", "victim": "ff00aaff", "hazard": "ff00e5ff", "other": "ffff9933"}
-_COT_COLOURS = {"intruder": -65536, "victim": -22016, "hazard": -6912, "other": -16737844}
-"""Signed ARGB numbers, as ATAK writes them."""
-_COT_TYPE = "b-m-p-s-m"
-"""A spot on the map: who it is friend of is not ours to say."""
 
 
 class FindFormat(StrEnum):
@@ -44,7 +37,7 @@ class FindFormat(StrEnum):
 def finds_text(finds: Sequence[Find], wanted: FindFormat, *, title: str, now: datetime) -> str:
     """Return a file's text; none of it is empty where there are no finds.
 
-    ``now`` is the moment from which Cursor-on-Target events hold, for a year; several stand in one ``events`` element.
+    ``now`` is the moment from which Cursor-on-Target events hold; several stand in one ``events`` element.
     """
     if wanted is FindFormat.GEOJSON:
         return _geojson(finds, title)
@@ -106,28 +99,9 @@ def _gpx(finds: Sequence[Find], title: str) -> str:
 
 def _cot(finds: Sequence[Find], now: datetime) -> str:
     root = ElementTree.Element("events")
-    root.extend(find_event(f, now=now, stale=now + _VALID) for f in finds)
+    root.extend(ElementTree.fromstring(encode(cot_find(f), now)) for f in finds)  # our own words: nothing hostile
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
-
-
-def find_event(find: Find, *, now: datetime, stale: datetime) -> ElementTree.Element:
-    """Return one Cursor-on-Target event (2.0); the same find always has the same ``uid``."""
-    start = _cot_time(now)
-    seed = find.id or f"{find.name}|{find.lon_deg}|{find.lat_deg}"
-    event = ElementTree.Element(
-        "event", version="2.0", uid=str(uuid.uuid5(_NAMESPACE, seed)), type=_COT_TYPE, how="h-e", time=start,
-        start=start, stale=_cot_time(stale),
-    )  # fmt: skip
-    ce = _UNKNOWN if find.ce90_m is None else f"{find.ce90_m:.2f}"
-    at = {"lat": f"{find.lat_deg:.8f}", "lon": f"{find.lon_deg:.8f}"}
-    ElementTree.SubElement(event, "point", {**at, "hae": _UNKNOWN, "ce": ce, "le": _UNKNOWN})
-    detail = ElementTree.SubElement(event, "detail")
-    ElementTree.SubElement(detail, "contact", callsign=_clean(find.name))
-    ElementTree.SubElement(detail, "color", argb=str(_COT_COLOURS.get(find.kind, _COT_COLOURS["other"])))
-    ElementTree.SubElement(detail, "archive")
-    ElementTree.SubElement(detail, "remarks").text = _clean(_words(find))
-    return event
 
 
 def _words(find: Find) -> str:
@@ -146,10 +120,6 @@ def _is_time(text: str | None) -> bool:
         return datetime.fromisoformat((text or "").replace("Z", "+00:00")).tzinfo is not None
     except ValueError:
         return False
-
-
-def _cot_time(moment: datetime) -> str:
-    return moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.000Z")
 
 
 def _clean(text: str | None) -> str:

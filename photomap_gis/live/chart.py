@@ -81,6 +81,17 @@ class Chart:
     def __len__(self) -> int:
         return len(self.refs)
 
+    def sigmas(self) -> FloatArray:
+        """``(n,)`` predicted one sigma per axis of the key frames' plumb points, in map units."""
+        out = np.zeros(len(self.refs))
+        if self.solution is not None:
+            n = min(len(self.solution), len(out))
+            variance = np.trace(self.solution.covariance[:n, :2, :2], axis1=1, axis2=2) / 2.0
+            out[:n] = np.sqrt(np.maximum(variance, 0.0)) * np.exp(np.nan_to_num(self.solution.motion[:n, 3]))
+        for k, (T, covariance) in self._chained.items():
+            out[k] = np.sqrt(max(covariance[0, 0] + covariance[1, 1], 0.0) / 2.0) * T.scale
+        return out
+
     def add(self, ref: FrameRef, belief: Belief, segment: int) -> None:
         """Add the next key frame where the loop believes it to lie."""
         if ref.index != len(self.refs):
@@ -107,16 +118,16 @@ class Chart:
 
     def adopt(self, solution: LiveSolution) -> None:
         """Take a solution over whole; key frames that came since hang on the last one before them that it holds."""
-        before = {k: self.belief(k) for k in range(len(self.refs)) if not solution.holds(k)}
+        holds = np.zeros(len(self.refs), bool)
+        known = min(len(solution), len(holds))
+        holds[:known] = np.isfinite(solution.motion[:known, 0])
+        before = {k: self.belief(k) for k in np.flatnonzero(~holds).tolist()}
+        held = np.flatnonzero(holds)
         anchors: dict[int, tuple[Belief, Belief]] = {}
-        last: int | None = None
         moved: dict[int, Belief] = {}
-        for k in range(len(self.refs)):
-            if solution.holds(k):
-                last = k
-                continue
-            if last is None:
-                last = next((j for j in range(k + 1, len(solution)) if solution.holds(j)), None)
+        for k in before:
+            row = int(np.searchsorted(held, k))
+            last = int(held[row - 1]) if row else (int(held[0]) if len(held) else None)
             if last is None:
                 moved[k] = before[k]
                 continue
@@ -125,7 +136,6 @@ class Chart:
             moved[k] = _hung_on(*anchors[last], before[k])
         self._chained = moved
         self.solution, self.map_frame = solution, solution.map_frame
-        held = np.flatnonzero(np.isfinite(solution.motion[: len(self.refs), 0]))
         first = next((k for k in held.tolist() if self.segments[k] == 0), None)
         if first is not None:
             for k in held[solution.segment[held] == solution.segment[first]].tolist():

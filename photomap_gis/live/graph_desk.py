@@ -14,6 +14,7 @@ import signal
 import threading
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Protocol
 
@@ -58,15 +59,21 @@ class GraphShift:
         self._saved_at = 0
         self._gained = 0
 
-    def take(self, news: Sequence[News]) -> LiveSolution | None:
-        """Measure what is told and what it suggests; return a solution where one is due."""
+    def take(self, news: Sequence[News], *, hurry: bool = False) -> LiveSolution | None:
+        """Measure what is told and what it suggests; return a solution where one is due.
+
+        In a ``hurry`` (the flight has landed, and nobody waits for a solution any more) only what was told is measured.
+        """
         work = self._work
         for one in news:
             if isinstance(one, Tie):
                 self._gained += work.tie(one)
                 continue
             work.add(one)
-            self._gained += work.measure(work.loops_of(one.ref.index))
+            if not hurry:
+                self._gained += work.measure(work.loops_of(one.ref.index))
+        if hurry:
+            return None
         if news:
             self._gained += work.measure(work.joins())
         fresh = work.count - self._solved_at
@@ -118,8 +125,9 @@ class GraphProcess:
     def __init__(self, folder: Path, settings: MapSettings, solve_every: int, *, recall: bool = False) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, there = context.Pipe()
+        self._hurry = context.Event()
         self._process = context.Process(
-            target=_attend, args=(there, str(folder), settings, solve_every, recall), daemon=True
+            target=_attend, args=(there, self._hurry, str(folder), settings, solve_every, recall), daemon=True
         )
         before = {k: os.environ.get(k) for k in _ONE_THREAD}
         os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # BLAS threads that spin would take the loop's processor
@@ -166,15 +174,16 @@ class GraphProcess:
 
     def close(self) -> None:
         """Wait until everything told is worked off."""
+        self._hurry.set()
         self._outbox.put(None)
-        self._sender.join()
-        while self._process.is_alive():
+        while self._process.is_alive():  # answers are taken meanwhile: a full pipe would hold both sides
             try:
                 if self._pipe.poll(0.2):
                     self._pipe.recv()
             except (EOFError, OSError):
                 break
         self._process.join()
+        self._sender.join(timeout=5.0)
         self._pipe.close()
 
     def _send(self) -> None:
@@ -191,7 +200,7 @@ class GraphProcess:
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def _attend(pipe: Connection, folder: str, settings: MapSettings, solve_every: int, recall: bool) -> None:
+def _attend(pipe: Connection, hurry: Event, folder: str, settings: MapSettings, solve_every: int, recall: bool) -> None:
     """The worker process: take all that waits, work it off, answer with a solution where one is due."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ^C is for the loop: it says when to end
     cv2.setNumThreads(1)
@@ -206,7 +215,7 @@ def _attend(pipe: Connection, folder: str, settings: MapSettings, solve_every: i
                 while len(news) < 8 and news[-1] is not None and pipe.poll():
                     news.append(pipe.recv())
                 ends = news[-1] is None
-                solution = shift.take([n for n in news if n is not None])
+                solution = shift.take([n for n in news if n is not None], hurry=hurry.is_set())
                 if solution is not None:
                     pipe.send(solution)
                 if ends:

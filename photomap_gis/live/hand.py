@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,9 +17,10 @@ import numpy as np
 
 from photomap_gis.core.errors import FrameReadError, OutputError, PhotomapError
 from photomap_gis.core.frame import Frame, FrameRef, ImageArray
-from photomap_gis.core.grid import TileIndex
+from photomap_gis.core.grid import TileIndex, ground_per_unit
 from photomap_gis.core.live import Picture
 from photomap_gis.core.placement import FramePlacement
+from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ingest import read_frame
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import Chart
@@ -35,6 +36,8 @@ from photomap_gis.store import Mission, MissionPaths
 logger = logging.getLogger(__name__)
 
 JPEG_QUALITY = 95
+LITTLE_PX = 0.25
+"""Key frames that a solution moves by less keep the placement that they were drawn by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +131,8 @@ class Hand:
         self._on_tiles, self._on_moved, self._on_canvas = on_tiles, on_moved, on_canvas
         self._done = 0
         self._revision = 0
+        self._rows: FloatArray = np.zeros((0, 4))
+        self._map_px = 1.0
         self.painter: Painter | None = None
         self._folder: CanvasFolder | None = None
         self.pasted = 0
@@ -152,7 +157,7 @@ class Hand:
             case Move():
                 self._revision = command.revision
                 if self.painter is not None:
-                    keys = range(len(command.chart)) if command.keys is None else command.keys
+                    keys = self._moved_keys(command.chart) if command.keys is None else command.keys
                     self._on_moved(command.revision, self.painter.adopt(command.chart.placement, keys))
             case Told():
                 if self._graph is not None:
@@ -181,11 +186,32 @@ class Hand:
         """How many commands were carried out."""
         return self._done
 
+    def _moved_keys(self, chart: Chart) -> Sequence[int]:
+        """Return the key frames that a solution moves by more than a little, and those that only hang on it.
+
+        Told by its numbers alone: an hour's flight has ten thousand of them, and few are moved.
+        """
+        solution = chart.solution
+        if solution is None or self.painter is None:
+            return range(len(chart))
+        n = min(len(solution), len(chart))
+        if len(self._rows) < n:
+            self._rows = np.concatenate([self._rows, np.full((n - len(self._rows), 4), np.nan)])
+        old, new = self._rows[:n], solution.drawn[:n]
+        reach = np.exp(new[:, 3]) * max(chart.refs[0].width_px, chart.refs[0].height_px)
+        d = np.abs(new - old)
+        moved = ~(d[:, 0] + d[:, 1] + reach * (d[:, 2] + d[:, 3]) < LITTLE_PX * self._map_px)
+        old[moved] = new[moved]
+        return [*np.flatnonzero(moved).tolist(), *range(n, len(chart))]
+
     def _lay(self, command: Lay) -> None:
         planes = self._mission.folder / "cache" / "live" / command.epoch
         canvas = LiveCanvas(command.lattice, planes)
         self._folder = CanvasFolder(self._mission.mosaic_folder(), canvas, f"live-{command.epoch}")
         self.painter = Painter(canvas, self._pixels, self._redrawn)
+        self._rows = np.zeros((0, 4))
+        middle = canvas.lattice.grid.to_crs([[0.0, 0.0]])[0]
+        self._map_px = canvas.lattice.grid.pixel_size * ground_per_unit(middle, canvas.lattice.frame)
         self._on_canvas(canvas, command.epoch)
 
     def _take(self, command: Take) -> None:

@@ -9,6 +9,7 @@ session loses at most the line it was writing.
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -22,21 +23,23 @@ FOLDER, SESSION, JOURNAL, RENDER = "live", "session.json", "journal.jsonl", "ren
 
 
 class LineLog:
-    """A file of JSON objects that is only appended to."""
+    """A file of JSON objects that is only appended to; safe among threads."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file: IO[bytes] | None = None
+        self._lock = threading.Lock()
 
     def write(self, what: str, **values: Any) -> None:
         """Append a line; ``OutputError`` where the disk does not take it."""
-        line = json.dumps({"t": what, **values}, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+        line = json.dumps({"t": what, **values}, separators=(",", ":")).encode() + b"\n"
         try:
-            if self._file is None:
-                cut_to_whole_lines(self._path)
-                self._file = self._path.open("ab")
-            self._file.write(line)
-            self._file.flush()
+            with self._lock:
+                if self._file is None:
+                    cut_to_whole_lines(self._path)
+                    self._file = self._path.open("ab")
+                self._file.write(line)
+                self._file.flush()
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
 

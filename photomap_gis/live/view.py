@@ -40,10 +40,10 @@ SNAPSHOT_SIDE_PX = 480
 
 @dataclass(slots=True, eq=False)
 class _Tables:
-    """By key frame: when it was taken and how sure its place is (grown by the loop, read by anybody)."""
+    """By key frame: when it was taken and how sure its place is (replaced whole by the loop, read by anybody)."""
 
-    time_s: list[float] = field(default_factory=list)
-    sigma_m: list[float] = field(default_factory=list)
+    time_s: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    sigma_m: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
 
 class CanvasRaster:
@@ -87,7 +87,7 @@ class CanvasRaster:
             return np.where(planes.seen, planes.gsd, np.float32(np.nan)).astype(np.float32)
         table = self._tables.time_s if self._kind is RasterKind.AGE else self._tables.sigma_m
         keys = planes.newest if self._kind is RasterKind.AGE else planes.shown
-        values = np.array([*table, np.nan], np.float32)  # nobody is -1: the last
+        values = np.append(table, np.float32(np.nan))  # nobody is -1: the last
         return values[np.minimum(keys, len(table))]
 
 
@@ -130,17 +130,8 @@ class LiveView:
 
     def put_chart(self, chart: Chart, times_s: list[float], pixels: KeptPixels) -> None:
         """Know where key frames lie; a snapshot that the loop does not change any more."""
-        known = len(self._tables.sigma_m)
-        moved = chart.solution is not self._chart.solution
-        for k in range(0 if moved else known, len(chart)):
-            covariance = chart.belief(k).covariance
-            scale = chart.belief(k).T_map_plane.scale
-            sigma = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1], 0.0) / 2.0)) * scale
-            if k < len(self._tables.sigma_m):
-                self._tables.sigma_m[k] = sigma
-            else:
-                self._tables.sigma_m.append(sigma)
-                self._tables.time_s.append(times_s[k])
+        self._tables.time_s = np.array(times_s[: len(chart)], np.float32)
+        self._tables.sigma_m = chart.sigmas().astype(np.float32)
         self._chart, self._pixels = chart, pixels
 
     # what servers take out
@@ -163,7 +154,9 @@ class LiveView:
         if not keys:
             return LiveTrack(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp))
         xy = np.array([chart.belief(k).T_map_plane.translation for k in keys])
-        return LiveTrack(xy, np.array([times[k] for k in keys]), np.array([chart.segments[k] for k in keys], np.intp))
+        return LiveTrack(
+            xy, np.array([float(times[k]) for k in keys]), np.array([chart.segments[k] for k in keys], np.intp)
+        )
 
     def covariance_at(self, xy_map_m: tuple[float, float]) -> FloatArray | None:
         """``(2, 2)`` predicted covariance at a place; ``None`` where nothing was seen."""

@@ -150,9 +150,9 @@ class _Api:
         wanted = request.path_params["format"].lower()
         if wanted not in [f.value for f in TileFormat]:
             raise HTTPException(404, f"tiles are {', '.join(f.value for f in TileFormat)}")
-        asked = request.query_params.get("epoch")
-        etag = f'"{snapshot.epoch}"'
-        headers = {"etag": etag, "cache-control": _CACHE_FOR_EVER if asked == snapshot.epoch else "private, no-cache"}
+        asked, pictures = request.query_params.get("epoch"), snapshot.pictures
+        etag = f'"{pictures}"'
+        headers = {"etag": etag, "cache-control": _CACHE_FOR_EVER if asked == pictures else "private, no-cache"}
         if request.headers.get("if-none-match") == etag:
             return Response(status_code=304, headers=headers)
         try:

@@ -31,7 +31,7 @@ def mission_document(mission: ServedMission, snapshot: Snapshot) -> MissionDocum
         note="" if view.georeferenced else NOT_GEOREFERENCED,
         crs=view.crs_label,
         bounds=snapshot.layers[0].scheme.bounds,
-        layers=[_layer_document(layer, root, snapshot.epoch) for layer in snapshot.layers],
+        layers=[_layer_document(layer, root, snapshot.pictures) for layer in snapshot.layers],
         frames=snapshot.counts,
         start_utc=start,
         end_utc=end,

@@ -106,11 +106,11 @@ class Host:
         """Return the desk that keeps a mission's finds."""
         with self._lock:
             if mission not in self._desks:
-                live = isinstance(mission, LiveMission)
-                folder = mission.session.state.folder if isinstance(mission, LiveMission) else mission.folder
-                ground = LiveGround(mission) if isinstance(mission, LiveMission) else FinishedGround(mission)
-                folder.mkdir(exist_ok=True) if live else None
-                self._desks[mission] = FindDesk(FindStore(folder), ground)
+                if isinstance(mission, LiveMission):
+                    desk = FindDesk(FindStore(mission.session.state.folder), LiveGround(mission))
+                else:
+                    desk = FindDesk(FindStore(mission.folder), FinishedGround(mission))
+                self._desks[mission] = desk
             return self._desks[mission]
 
     def coverage_of(self, mission: LiveMission) -> Coverage:
@@ -144,7 +144,7 @@ class Host:
         self, mission: ServedMission, snapshot: Snapshot, layer: str, zoom: int, x: int, y: int, tile_format: TileFormat
     ) -> bytes:
         """Return a tile's bytes; ``KeyError`` for no such layer, ``UsageError`` for no such tile."""
-        address = TileAddress(mission.id, snapshot.epoch, layer, zoom, x, y, tile_format)
+        address = TileAddress(mission.id, snapshot.pictures, layer, zoom, x, y, tile_format)
         return self._cache.get(snapshot, address)
 
     def close(self) -> None:

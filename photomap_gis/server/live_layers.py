@@ -34,7 +34,7 @@ _LOCAL_ZOOMS = 13
 _CACHED_BYTES = 48 << 20
 TITLES = {
     RasterKind.MAP: "Photo map",
-    RasterKind.AGE: "Age: last seen, after the start",
+    RasterKind.AGE: "Age: when last seen",
     RasterKind.SIGMA: "Sigma: predicted error",
     RasterKind.SEARCHED: "Searched: resolution",
 }
@@ -85,7 +85,7 @@ class LiveLayer:
     @property
     def units(self) -> str:
         """What its numbers are in."""
-        return {RasterKind.AGE: "min", RasterKind.SEARCHED: "m per pixel"}.get(self.raster.kind, "m")
+        return {RasterKind.AGE: "min flown", RasterKind.SEARCHED: "m per pixel"}.get(self.raster.kind, "m")
 
     @property
     def scheme(self) -> TileScheme:

@@ -7,12 +7,13 @@ import math
 import re
 import threading
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from photomap_gis.core.errors import DataError, PhotomapError
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.crs import WGS84, point_map, same_crs
+from photomap_gis.find_store import FINDS_FILE
 from photomap_gis.mosaic import TileStore
 from photomap_gis.server.layers import Layer
 from photomap_gis.server.raster import RasterFile
@@ -20,17 +21,21 @@ from photomap_gis.server.vectors import in_time, utc_of
 from photomap_gis.server.view import MissionView, OpenView
 
 NOT_GEOREFERENCED = "not georeferenced: pixels of the first frame, no place on Earth, north unknown"
-_WATCHED = ("solution.json", "mission.json", "map.tif", "finds.geojson", "layers")
+_WATCHED = ("solution.json", "mission.json", "map.tif", FINDS_FILE, "layers")
 _SAME_PLACE_PX = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """A mission and its layers at one ``epoch``; what is drawn from it stays consistent while a newer one is made."""
+    """A mission and its layers at one ``epoch``; what is drawn from it stays consistent while a newer one is made.
+
+    ``pictures`` is the epoch of all but the finds: a tile holds none, so a find that is marked leaves them as they are.
+    """
 
     epoch: str
     view: MissionView
     layers: tuple[Layer, ...]
+    pictures: str
 
     def layer(self, id: str) -> Layer:
         """Return a layer; ``KeyError`` where there is none of that name."""
@@ -70,20 +75,21 @@ class ServedMission:
         self.id, self.folder, self.before = id, folder, before
         self._open_view = open_view
         self._lock = threading.Lock()
-        self._stamp = self._stamp_now()
-        self._snapshot = self._opened(self._stamp)
+        self._snapshot = self._opened(*self._stamps_now())
 
     def current(self) -> Snapshot:
         """Return the newest snapshot; where the folder is being rewritten just now, the last one that was whole."""
         with self._lock:
-            stamp = self._stamp_now()
-            if stamp != self._stamp:
+            stamp, pictures = self._stamps_now()
+            if stamp != self._snapshot.epoch:
+                if pictures == self._snapshot.pictures:
+                    self._snapshot = replace(self._snapshot, epoch=stamp)
+                    return self._snapshot
                 try:
-                    fresh = self._opened(stamp)
+                    # Old layers are not closed: a tile may be read from one just now; they go with their last reader.
+                    self._snapshot = self._opened(stamp, pictures)
                 except (PhotomapError, OSError, ValueError, LookupError):
                     return self._snapshot  # half written: the next look tries again
-                # Old layers are not closed: a tile may be read from one at this moment; they go with their last reader.
-                self._snapshot, self._stamp = fresh, stamp
             return self._snapshot
 
     def close(self) -> None:
@@ -91,7 +97,8 @@ class ServedMission:
         for layer in self._snapshot.layers:
             layer.close()
 
-    def _stamp_now(self) -> str:
+    def _stamps_now(self) -> tuple[str, str]:
+        """Return the epoch of the folder as it is now, and that of all but its finds."""
         parts = []
         folders = [self.folder] if self.before is None else [self.folder, self.before]
         for folder in folders:
@@ -102,14 +109,16 @@ class ServedMission:
                     parts.append(f"{path.name}:{status.st_mtime_ns}:{status.st_size}")
                 except OSError:
                     parts.append(f"{path.name}:-")
-        return hashlib.sha256("|".join(parts).encode()).hexdigest()[:12]
+        shown = [part for part in parts if not part.startswith(f"{FINDS_FILE}:")]
+        whole, pictures = (hashlib.sha256("|".join(p).encode()).hexdigest()[:12] for p in (parts, shown))
+        return whole, pictures
 
-    def _opened(self, stamp: str) -> Snapshot:
+    def _opened(self, stamp: str, pictures: str) -> Snapshot:
         view = self._open_view(self.folder)
         layers = mission_layers(view)
         if self.before is not None:
             layers.append(before_layer(self.before, self._open_view, georeferenced=view.georeferenced))
-        return Snapshot(stamp, view, tuple(layers))
+        return Snapshot(stamp, view, tuple(layers), pictures)
 
 
 def mission_layers(view: MissionView) -> list[Layer]:

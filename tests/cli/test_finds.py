@@ -7,6 +7,7 @@ import pytest
 
 from photomap_gis.cli import main
 from photomap_gis.core.find import FindKind
+from photomap_gis.export.cot import cot_find
 from photomap_gis.export.finds import read_finds
 from photomap_gis.find_store import FindStore
 
@@ -65,3 +66,14 @@ def test_no_find_is_no_fault(tmp_path, capsys):
     assert main(["finds", str(tmp_path), "-o", str(tmp_path / "none.kml")]) == 0
     ElementTree.parse(tmp_path / "none.kml")
     assert "0 finds" in capsys.readouterr().err
+
+
+def test_a_find_is_the_same_thing_in_files_and_on_devices_whatever_else_is_taken_away(folder):
+    """Devices show an event with the same identifier once: numbers in a list would rename what stays."""
+    name = folder / "out.cot"
+    assert main(["finds", str(folder), "-o", str(name)]) == 0
+    before = {e.find("detail/contact").get("callsign"): e.get("uid") for e in ElementTree.parse(name).getroot()}
+    assert before == {f.name: cot_find(f).uid for f in read_finds(folder / "finds.geojson")}
+    store = FindStore(folder)
+    store.remove(store.all()[0].id)
+    assert [cot_find(f).uid for f in read_finds(folder / "finds.geojson")] == [before["Hazard 1"]]

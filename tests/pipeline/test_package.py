@@ -12,6 +12,8 @@ from click.testing import CliRunner
 
 from photomap_gis.cli.app import cli
 from photomap_gis.core.errors import DataError, OutputError, UsageError
+from photomap_gis.core.find import FindKind
+from photomap_gis.find_store import FindStore
 from photomap_gis.pipeline.package import package_mission, parse_size
 
 pytestmark = pytest.mark.slow
@@ -81,15 +83,18 @@ def test_finds_come_with_a_piece_of_the_map(mapped, tmp_path):
     find = {"type": "Feature", "properties": {"name": "person <1>", "ce90_m": 2.5},
             "geometry": {"type": "Point", "coordinates": [lon[0], lat[0]]}}  # fmt: skip
     (folder / "finds.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [find]}))
+    when, place = "2026-05-01T10:00:00Z", (lon[0], lat[0])
+    marked = FindStore(folder).add(FindKind.HAZARD, time_utc=when, lon_lat=place, jpeg=b"\xff\xd8x")
     package_mission(folder, tmp_path / "h.zip")
     with zipfile.ZipFile(tmp_path / "h.zip") as archive:
         html = archive.read("summary.html").decode()
         assert archive.read("finds/find-001.jpg")[:3] == b"\xff\xd8\xff"
+        assert archive.read(f"finds/{marked.id}.jpg") == b"\xff\xd8x"  # what was seen when it was marked
         assert "finds.geojson" in archive.namelist()
         archive.extract("vectors.gpkg", tmp_path)
     assert "person &lt;1&gt;" in html and "CE90 2.5 m" in html
     with sqlite3.connect(tmp_path / "vectors.gpkg") as db:
-        assert db.execute("SELECT name FROM finds").fetchall() == [("person <1>",)]
+        assert db.execute("SELECT name FROM finds").fetchall() == [("person <1>",), ("Hazard 1",)]
     db.close()
 
 

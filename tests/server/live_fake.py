@@ -46,7 +46,7 @@ from photomap_gis.simulate.ground import Ground
 
 TILE = 512
 FPS = 30.0
-KEY_EVERY = 8
+KEY_EVERY = 12
 WIDTH, HEIGHT = 640, 360
 STARTED_UTC_S = 1_790_000_000.0
 

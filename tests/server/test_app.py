@@ -120,12 +120,15 @@ def test_frames_and_track_as_geojson(client, mission):
 
 
 def test_finds_are_shown_and_change_the_epoch(client, mission):
-    before = client.get("/missions/1").json()["epoch"]
+    document = client.get("/missions/1").json()
+    before, tiles = document["epoch"], [layer["tiles"] for layer in document["layers"]]
     path = mission / "finds.geojson"
     find = {"type": "Feature", "geometry": {"type": "Point", "coordinates": [9, 48]}, "properties": {"name": "<b>"}}
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [find, 7]}))
     try:
-        assert client.get("/missions/1").json()["epoch"] != before
+        after = client.get("/missions/1").json()
+        assert after["epoch"] != before
+        assert [layer["tiles"] for layer in after["layers"]] == tiles  # a find changes no picture
         assert client.get("/missions/1/finds.geojson").json()["features"] == [find]
         path.write_text("[" * 100000)
         assert client.get("/missions/1/finds.geojson").json()["features"] == []

@@ -27,7 +27,6 @@ _STALE_MOVING = timedelta(seconds=15)
 _STALE_FIND = timedelta(days=1)
 _STROKE_ARGB = "-256"  # opaque yellow as the signed number that ATAK writes
 _FILL_ARGB = "587202304"  # a breath of it
-_FIND_ARGB = "-65536"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ class CotFootprint:
 
 @dataclass(frozen=True, slots=True)
 class CotFind:
-    """Something that was found; ``seen_utc`` is when."""
+    """Something that was found; ``seen_utc`` is when, ``argb`` its colour as the signed number that ATAK writes."""
 
     uid: str
     name: str
@@ -68,6 +67,7 @@ class CotFind:
     hae_m: float | None = None
     remarks: str = ""
     seen_utc: datetime | None = None
+    argb: int = -65536
 
 
 CotValue = CotDrone | CotFootprint | CotFind
@@ -131,8 +131,8 @@ def _find(find: CotFind, now: datetime) -> bytes:
         how="h-e",
     )  # fmt: skip
     ElementTree.SubElement(detail, "contact", callsign=_clean(find.name) or "find")
-    ElementTree.SubElement(detail, "usericon", iconsetpath=f"COT_MAPPING_SPOTMAP/{FIND_TYPE}/{_FIND_ARGB}")
-    ElementTree.SubElement(detail, "color", argb=_FIND_ARGB)
+    ElementTree.SubElement(detail, "usericon", iconsetpath=f"COT_MAPPING_SPOTMAP/{FIND_TYPE}/{find.argb}")
+    ElementTree.SubElement(detail, "color", argb=str(find.argb))
     ElementTree.SubElement(detail, "archive")
     seen = "" if find.seen_utc is None else f"seen {_time(find.seen_utc)}"
     ce = "" if find.ce90_m is None else f"CE90 {find.ce90_m:.1f} m"

@@ -170,7 +170,7 @@ export class Live {
     const features = new ol.format.GeoJSON().readFeatures(d, options).filter(f => f.getGeometry());
     this.ground.clear(true);
     this.ground.addFeatures(features);
-    if (!this.grown && !this.moved && features.length) this.grow([this.ground.getExtent()]);
+    if (features.length) this.grow([this.ground.getExtent()]);
     this.tell();
   }
 
@@ -254,7 +254,7 @@ export class Live {
     const chip = (text, level_) => chips.push([text, level_]);
     if (pose) chip(clock(pose.time_s), "plain");
     if (health) {
-      chip(`${Math.round(health.fps)} fps`, health.fps >= 15 ? "ok" : health.fps >= 5 ? "wait" : "bad");
+      chip(`${Math.round(health.fps)} fps`, health.fps >= 8 ? "ok" : health.fps >= 3 ? "wait" : "bad");
       chip(`${Math.round(health.latency_ms)} ms`, health.latency_ms <= 200 ? "ok" : health.latency_ms <= 1000 ? "wait" : "bad");
       chip({ none: "no GPS", searching: "GPS searching", ok: "GPS", lost: "GPS lost" }[health.gps], { ok: "ok", lost: "bad" }[health.gps] ?? "wait");
       if (health.dropped) chip(`${health.dropped} dropped`, health.dropped > 0.02 * health.frames ? "wait" : "plain");

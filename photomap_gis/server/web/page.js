@@ -347,7 +347,9 @@ class Page {
     this.mission = await get(`missions/${this.mission.id}`);
     if (this.mission.georeferenced !== this.georeferenced) return location.reload();
     this.tell();
-    this.makeRasters();
+    // A find that was marked changes no picture: what is drawn stays.
+    const drawn = [...this.rasters.values()].map(r => r.document.tiles);
+    if (String(drawn) !== String(this.mission.layers.map(l => l.tiles))) this.makeRasters();
     await this.loadOverlays();
   }
 }
