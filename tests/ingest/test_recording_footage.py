@@ -87,3 +87,11 @@ def fly_quickly(clock: FakeClock, tape: Path, recorder: BlackBox) -> list:
         elif len(frames) == 60:
             break
     return frames
+
+
+def test_a_live_mission_named_as_a_source_points_to_its_recording(tmp_path: Path) -> None:
+    with BlackBox(tmp_path / "recording", FakeClock(), source="x"):
+        pass
+    (tmp_path / "mission.json").write_text("{}")
+    with pytest.raises(DataError, match="name what it recorded"):
+        open_sources([tmp_path])
