@@ -11,6 +11,7 @@ from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import Footage
 from photomap_gis.ingest.box_files import TICKS_HZ, BoxContents, piece_path, read_contents, started_utc_s
 from photomap_gis.ingest.options import IngestOptions
+from photomap_gis.ingest.telemetry.track import Track
 
 TELEMETRY = "telemetry.tlog"
 """What the autopilot said while it was recorded; used where no other track is given."""
@@ -25,8 +26,7 @@ def recording_footage(
     """
     contents = read_contents(folder)
     log = folder / TELEMETRY
-    if options.track is None and log.is_file() and log.stat().st_size:
-        options = replace(options, track=log)
+    has_log = options.track is None and log.is_file() and log.stat().st_size > 0
     files = [Path(str(line.get("path"))) for line in contents.of_kind("file")]
     photos = [Path(str(line.get("path"))) for line in contents.of_kind("photo")]
     lines = contents.of_kind("piece")
@@ -34,11 +34,15 @@ def recording_footage(
         from photomap_gis.ingest.photo_track import place_by_track
         from photomap_gis.ingest.photos import photo_footage
 
+        if has_log:
+            options = replace(options, track=log)
         footage = photo_footage(list(dict.fromkeys(photos)), options, on_progress=on_progress)
         return footage if options.track is None else place_by_track(footage, options)
     from photomap_gis.ingest.video import LaidFile, laid_footage, video_footage  # PyAV loads slowly
 
     if files:
+        if has_log:
+            options = replace(options, track=log)
         return video_footage(list(dict.fromkeys(files)), options, on_progress=on_progress)
     laid = []
     started_s = started_utc_s(contents)
@@ -52,7 +56,17 @@ def recording_footage(
         laid.append(LaidFile(path, begins_s - first_s, None if started_s is None else started_s + begins_s))
     if not laid:
         raise DataError(f"{folder}: nothing was recorded: no frame had come")
-    return laid_footage(laid, options, on_progress=on_progress)
+    heard: Track | None = None
+    said: tuple[str, ...] = ()
+    if has_log:
+        from photomap_gis.ingest.telemetry.tlog import read_tlog
+
+        try:
+            heard = read_tlog(log, by_record_clock=True)  # the clock by which the pieces were recorded
+        except DataError as error:
+            said = (str(error),)
+    footage = laid_footage(laid, options, track=heard, on_progress=on_progress)
+    return replace(footage, warnings=(*said, *footage.warnings))
 
 
 def _begins_s(contents: BoxContents, line: Mapping[str, Any]) -> float | None:

@@ -180,6 +180,8 @@ def _search_folder(folder: Path) -> FoundFiles:
     if not photos and not videos:
         if any(f.suffix.lower() in RAW_SUFFIXES for f in files):
             raise DataError(f"{folder} holds raw photos only, which are not read: export them as JPEG or TIFF")
+        if (folder / MISSION_MARK).is_file() and is_recording(folder / "recording"):
+            raise DataError(f"{folder} is a live mission: name what it recorded, {folder / 'recording'}")
         if (folder / MISSION_MARK).is_file():
             raise DataError(f"{folder} is a mission, not a source: name the folder of the photos")
         raise DataError(f"{folder} holds no photos or videos: name a folder that does")

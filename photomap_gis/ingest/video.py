@@ -152,14 +152,19 @@ def video_footage(
 
 
 def laid_footage(
-    files: Sequence[LaidFile], options: IngestOptions, *, on_progress: Callable[[int, int], None] | None = None
+    files: Sequence[LaidFile],
+    options: IngestOptions,
+    *,
+    track: Track | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> Footage:
     """Return the footage of files that are one recording, whatever their names: their places in time are told.
 
-    A file that cannot be read is named in a warning and left out; ``DataError`` where none is left.
+    ``track`` is where no other is given. A file that cannot be read is named in a warning and left out; ``DataError``
+    where none is left.
     """
     ledger = _Ledger()
-    forced = None if options.track is None else read_track(options.track, srt_order=options.srt_order)
+    forced = track if options.track is None else read_track(options.track, srt_order=options.srt_order)
     if forced is not None:
         ledger.warnings += forced.warnings
     pieces: list[_Piece] = []

@@ -41,11 +41,6 @@ class Address:
     host: str | None = None
     port: int | None = None
 
-    @property
-    def hint(self) -> str:
-        """What the sender must be told, for a listener."""
-        return f"waiting for somebody to send to {self.name}" if self.is_listener else f"connecting to {self.name}"
-
 
 SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "udp", "rtp", "srt", "http", "https", "tcp", "device", "v4l2")
 _DEFAULT_PORT = {"rtsp": 554, "rtsps": 322, "rtmp": 1935, "rtmps": 443, "http": 80, "https": 443}

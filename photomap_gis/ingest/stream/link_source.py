@@ -16,6 +16,7 @@ from photomap_gis.ingest.stream.black_box import BlackBox
 from photomap_gis.ingest.stream.connect import Connection, Connector, Limits, NobodySendsError, Plain
 from photomap_gis.ingest.stream.delivery import Delivery, held_back, pts_s
 from photomap_gis.ingest.stream.file_source import set_low_latency
+from photomap_gis.ingest.stream.own_address import as_typed_elsewhere, own_address
 from photomap_gis.ingest.stream.timeline import Timeline
 
 _MAX_ERRORS_IN_A_ROW = 50
@@ -81,7 +82,8 @@ class LinkSource:
                 if connection is None:
                     if self._address.is_listener and not said_waiting and silent_since_s is None:
                         said_waiting = True
-                        yield self._gap(GapKind.WAITING, self._address.hint)
+                        where = as_typed_elsewhere(self.name, own_address())
+                        yield self._gap(GapKind.WAITING, f"nobody sends yet: have the drone's app send to {where}")
                     connection = self._connector.connect(self._address, self._limits)
             except PhotomapError as error:
                 lost = str(error)

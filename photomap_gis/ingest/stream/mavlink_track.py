@@ -22,9 +22,12 @@ from photomap_gis.ingest.resample import interpolate
 from photomap_gis.ingest.telemetry.tlog import WANTED, Messages, mode_name, points_of_messages
 from photomap_gis.ingest.telemetry.track import Clock, Track, TrackPoint
 
-_OPEN_S = 12.0
+_OPEN_S = 5.0
 """Messages younger than this are kept as they came: a gimbal's may still follow a position."""
-_CLOSE_EVERY_S = 5.0
+_CLOSE_EVERY_S = 2.0
+_JOIN_EVERY_S = 0.1
+"""How often the newest messages are made points of: at each of thirty frames a second that is a fifth of a core."""
+_REACH_S, _FAR_S = 6.0, 20.0
 _MIN_STEP_S = 0.1
 _MAX_POINTS = 150_000
 _REBOOT_S = 5.0
@@ -61,6 +64,8 @@ class MavlinkTrack:
         self._last_boot_s = 0.0
         self._closed_s = 0.0
         self._last: dict[str, tuple[float, Mapping[str, Any]]] = {}
+        self._joined: tuple[TrackPoint, ...] | None = None
+        self._joined_s = 0.0
 
     def add(self, here_s: float, system: int, component: int, kind: str, fields: Mapping[str, Any]) -> None:
         """Take a message in; ``here_s`` is when it came."""
@@ -108,11 +113,14 @@ class MavlinkTrack:
         at_s = [t - self.boot_to_here_s for t in here_s]
         if not at_s:
             return []
-        low, high = min(at_s) - 20.0, max(at_s) + 20.0
+        reach_s = _REACH_S if self._times_s else _FAR_S
+        low, high = min(at_s) - reach_s, max(at_s) + reach_s
         points = self._points[bisect_left(self._times_s, low) : bisect_right(self._times_s, high)]
+        if len(points) < 2:  # a slow stream, or none for a while
+            points = self._points[bisect_left(self._times_s, low - _FAR_S) : bisect_right(self._times_s, high + _FAR_S)]
         if high > self._closed_s:
             last_s = points[-1].time_s if points else -1e18
-            points = points + [p for p in self._points_open() if p.time_s > last_s]
+            points = points + [p for p in self._newest() if p.time_s > last_s and p.time_s >= low - _FAR_S]
         return interpolate(Track(tuple(points), Clock.BOOT, "mavlink"), at_s)
 
     def state(self, here_s: float) -> VehicleState:
@@ -161,13 +169,19 @@ class MavlinkTrack:
             shift_s = self.boot_to_here_s - ahead_s
             self._points = [replace(p, time_s=p.time_s + shift_s) for p in self._points]
             self._times_s = [p.time_s for p in self._points]
-            self._open, self._open_count = Messages(), 0
+            self._open, self._open_count, self._joined = Messages(), 0, None
             self.boot_to_here_s, self._last_boot_s, self._closed_s = ahead_s, boot_s, boot_s
             return
         if self.boot_to_here_s is None:
             self.boot_to_here_s, self._closed_s = ahead_s, boot_s
         self.boot_to_here_s = min(self.boot_to_here_s, ahead_s)
         self._last_boot_s = max(self._last_boot_s, boot_s)
+
+    def _newest(self) -> tuple[TrackPoint, ...]:
+        """Return the points of messages that are still open, as they were a moment ago at most."""
+        if self._joined is None or self._last_boot_s - self._joined_s >= _JOIN_EVERY_S:
+            self._joined, self._joined_s = self._points_open(), self._last_boot_s
+        return self._joined
 
     def _points_open(self) -> tuple[TrackPoint, ...]:
         return points_of_messages(self._open)
@@ -190,3 +204,4 @@ class MavlinkTrack:
         self._open = kept
         self._open_count = sum(len(rows) for rows in kept.of.values())
         self._closed_s = until_s
+        self._joined = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from photomap_gis.core.errors import UsageError
+from photomap_gis.core.errors import LinkError, UsageError
 from photomap_gis.core.live import FrameSource, LiveClock, LiveTelemetry
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.stream.clock import SystemClock
@@ -37,9 +37,13 @@ def open_telemetry(
     if track is not None and mavlink_url is not None:
         raise UsageError("--track and --mavlink are two clocks for one flight: give one of them")
     if mavlink_url is not None:
-        url = parse_url(mavlink_url)
         tlog = None if recording is None else recording / TLOG
-        return MavlinkTelemetry(url, mavlink_url, clock, tlog=tlog, request_streams=request_streams)
+        try:
+            return MavlinkTelemetry(
+                parse_url(mavlink_url), mavlink_url, clock, tlog=tlog, request_streams=request_streams
+            )
+        except (UsageError, LinkError) as error:  # the planner's commands call it otherwise
+            raise type(error)(str(error).replace("--connect", "--mavlink")) from error
     if track is None:
         return StreamTelemetry(source.name)
     span_s: float | None = getattr(source, "span_s", None)  # a played file's length is known

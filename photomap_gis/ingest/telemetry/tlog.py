@@ -58,8 +58,12 @@ def looks_like_tlog(head: bytes) -> bool:
     return first is not None and (first[2] >= len(head) or _packet_at(head, first[2], len(head)) is not None)
 
 
-def read_tlog(path: Path) -> Track:
-    """Return the track of the vehicle that reports most positions."""
+def read_tlog(path: Path, *, by_record_clock: bool = False) -> Track:
+    """Return the track of the vehicle that reports most positions.
+
+    UTC is the vehicle's own where it tells, else the ground station's. ``by_record_clock``: the ground station's in any
+    case, since a recording beside the log has it, too.
+    """
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             vehicles, skipped = _scan(data)
@@ -74,7 +78,7 @@ def read_tlog(path: Path) -> Track:
     others = [v for v in vehicles if v != chosen and _rank(vehicles[v])[0]]
     if others:
         warnings.append(f"{path.name}: vehicle {chosen} is used, also heard: {', '.join(map(str, sorted(others)))}")
-    return _track(vehicles[chosen], path, warnings)
+    return _track(vehicles[chosen], path, warnings, by_record_clock)
 
 
 def _rank(m: Messages) -> tuple[int, int]:
@@ -143,7 +147,11 @@ def _decode(data: mmap.mmap, start: int, kind: Any) -> dict[str, Any] | None:
     return fields
 
 
-def _track(m: Messages, path: Path, warnings: list[str]) -> Track:
+def _track(m: Messages, path: Path, warnings: list[str], by_record_clock: bool) -> Track:
+    if by_record_clock:
+        m.of.pop("SYSTEM_TIME", None)
+        for record_s, fields in m.of["GPS_RAW_INT"]:
+            fields["time_usec"] = round(record_s * 1e6)
     boot_to_utc_s = _boot_to_utc_s(m)
     positions = _positions(m, boot_to_utc_s)
     body = Turns.of_euler(

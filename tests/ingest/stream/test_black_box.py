@@ -99,6 +99,20 @@ def test_frames_that_were_sent_out_of_order(tmp_path: Path, suffix: str) -> None
         assert np.array_equal(read_video_frame(Path(frame.ref.source), frame.ref.frame_number), frame.image)
 
 
+def test_a_damaged_stream_is_recorded_with_its_damage(tmp_path: Path) -> None:
+    tape = write_video(tmp_path / "a.ts", count=60, size=(320, 240), gop=12)
+    data = bytearray(tape.read_bytes())
+    rng = np.random.default_rng(4)
+    for at in rng.integers(2000, len(data) - 2000, 12).tolist():
+        data[at : at + 400] = rng.bytes(400)
+    tape.write_bytes(bytes(data))
+    clock = FakeClock()
+    with BlackBox(tmp_path / "box", clock, source="x", free_bytes=lambda _: PLENTY) as box:
+        frames = frames_of(fly(clock, tape, box=box))
+    assert len(frames) > 30
+    assert same(frames_of(list(open_stream(tmp_path / "box", realtime=False))), frames)
+
+
 def test_a_full_disk_ends_the_recording_and_not_the_flight(tmp_path: Path) -> None:
     clock = FakeClock()
     tape = write_video(tmp_path / "a.ts", count=30)

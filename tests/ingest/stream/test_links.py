@@ -24,6 +24,7 @@ from photomap_gis.core.live import EndReason, GapKind, LiveFrame, StreamEnd, Str
 from photomap_gis.ingest.decode import read_video_frame
 from photomap_gis.ingest.stream import open_stream
 from photomap_gis.ingest.stream.connect import Limits
+from photomap_gis.ingest.stream.own_address import as_typed_elsewhere
 from tests.ingest.stream.made import FakeClock, write_video
 
 SENDER = Path(__file__).with_name("sender.py")
@@ -143,6 +144,12 @@ def test_nobody_there_is_told_at_once() -> None:
         with pytest.raises(LinkError, match=words) as error:
             open_stream(url, limits=QUICK)
         assert "secret" not in str(error.value)
+
+
+def test_the_address_to_type_into_the_app() -> None:
+    assert as_typed_elsewhere("rtmp://0.0.0.0:1935/live/x", "10.0.0.7") == "rtmp://10.0.0.7:1935/live/x"
+    assert as_typed_elsewhere("rtmp://127.0.0.1:1935/live/x", "10.0.0.7") == "rtmp://127.0.0.1:1935/live/x"
+    assert as_typed_elsewhere("udp://0.0.0.0:5600", None) == "udp://0.0.0.0:5600"
 
 
 @pytest.mark.parametrize("text", ["gopher://x/y", "udp://127.0.0.1", "rtmp://:x/y", "device:"])

@@ -290,7 +290,7 @@ def test_what_cannot_be_used_is_told(tmp_path: Path) -> None:
         open_telemetry(source, track=tmp_path / "none.srt")
     with pytest.raises(UsageError, match="two clocks"):
         open_telemetry(source, track=tmp_path / "a.srt", mavlink_url="udpin:0.0.0.0:14550")
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="--mavlink 'carrier pigeon'"):
         open_telemetry(source, mavlink_url="carrier pigeon")
     with pytest.raises(LinkError):
         open_telemetry(source, mavlink_url="udpin:192.0.2.1:14550")
