@@ -126,6 +126,10 @@ class LowBandStore:
         """Return the low frequencies of a frame; raises what ``open_image`` raises."""
         return self._cache.get(frame)
 
+    def clear(self) -> None:
+        """Drop what is held in memory."""
+        self._cache.clear()
+
     def _load(self, frame: int) -> LowBand:
         path = self._folder / f"{frame:06d}.low"
         kept = _read(path)
