@@ -45,6 +45,7 @@ RECIPE = "3"
 """Changes whenever the same placements would give other pixels: tiles of an older recipe are rendered anew."""
 
 _TILE_WORK_BYTES = 80 << 20  # arrays of a tile, and what the allocator keeps of them for each thread
+_TILES_BETWEEN_TRIMS = 16
 _LOW_BAND_BYTES = 24 << 20  # some 400 frames': far more than have to do with a tile
 
 
@@ -97,8 +98,11 @@ def render_mosaic(
             work = TileWork(trajectory, map_frame, store.folder, plan, read_pixels, scratch, limit_bytes,
                             frozenset(frames.unreadable))  # fmt: skip
             rendered = map_jobs(partial(render_there, *work.keep(scratch)), todo, scheduler=scheduler)
+        give_back_memory()
         for _ in rendered:
             done += 1
+            if done % _TILES_BETWEEN_TRIMS == 0:
+                give_back_memory()  # frames come and go in all threads: what they leave free does not fit the next
             if on_progress is not None:
                 on_progress(done, total)
     shutil.rmtree(scratch, ignore_errors=True)
