@@ -145,50 +145,54 @@ def _draw_band(
 
 
 class _Light(NamedTuple):
-    """What all frames' own pixels are corrected by, for every second pixel of ``box``.
+    """What all frames' own pixels are corrected by, for one pixel of ``box`` in ``every`` a side.
 
-    Pixels within a feather of a seam are not right to the pixel; they are drawn apart.
+    With an ``every`` of 2 pixels within a feather of a seam are not right to the pixel; they are drawn apart.
     """
 
     box: Box
+    every: int
     factor: FloatImage
     offset: FloatImage | None
 
     def dense(self, band: Box) -> tuple[FloatImage, FloatImage | None]:
         """Return factor and offset at the pixels of a band of the box, which begins at an even row of it."""
-        rows = slice((band.y - self.box.y) // 2, -(-(band.y - self.box.y + band.height) // 2))
-        size = (2 * self.factor.shape[1], 2 * (rows.stop - rows.start))
-        factor, offset = (
-            None
-            if a is None
-            else cv2.resize(a[rows], size, interpolation=cv2.INTER_NEAREST)[: band.height, : band.width]
-            for a in (self.factor, self.offset)
+        n, top = self.every, band.y - self.box.y
+        rows = slice(top // n, -(-(top + band.height) // n))
+        return self._enlarged(self.factor[rows], band), (
+            None if self.offset is None else self._enlarged(self.offset[rows], band)
         )
-        assert factor is not None
-        return factor, offset
+
+    def _enlarged(self, values: FloatImage, band: Box) -> FloatImage:
+        if self.every == 1:
+            return values
+        size = (self.every * values.shape[1], self.every * values.shape[0])
+        large: FloatImage = cv2.resize(values, size, interpolation=cv2.INTER_NEAREST)
+        return large[: band.height, : band.width]
 
 
 def _light_of(shares: Sequence[_Share], box: Box, lattice: Lattice) -> _Light:
-    """Return the frames' corrections put together."""
-    shape = (-(-box.height // 2), -(-box.width // 2), 3)
+    """Return the frames' corrections put together, for every second pixel where they change slowly enough."""
+    n = 2 if all(s.correction.nodes.step_px > lattice.step_px for s in shares) else 1
+    shape = (-(-box.height // n), -(-box.width // n), 3)
     factor = np.zeros(shape, dtype=np.float32)
     offset = np.zeros(shape, dtype=np.float32) if any(s.correction.offset is not None for s in shares) else None
     for share in shares:
         x, y = share.box.x - box.x, share.box.y - box.y
-        left, top = x // 2, y // 2
-        first_x, first_y = 2 * left - x, 2 * top - y  # 0 or -1: the share's box may begin at an odd pixel
-        right, bottom = -(-(x + share.box.width) // 2), -(-(y + share.box.height) // 2)
+        left, top = x // n, y // n
+        before_x, before_y = x - n * left, y - n * top  # 0 or 1: the share's box may begin at an odd pixel
+        right, bottom = -(-(x + share.box.width) // n), -(-(y + share.box.height) // n)
         nodes, there = share.correction.nodes, lattice.box_in(share.correction.nodes, share.box)
-        even = Box(there.x + first_x, there.y + first_y, 2 * (right - left), 2 * (bottom - top))
-        own = None
-        if share.own is not None:
-            own = np.zeros((2 * (bottom - top), 2 * (right - left)), dtype=np.uint8)
-            own[-first_y : share.box.height - first_y, -first_x : share.box.width - first_x] = share.own
-            own = np.ascontiguousarray(cv2.dilate(own, _TWO_BY_TWO, anchor=(0, 0))[::2, ::2])  # any of the four
+        whole = Box(there.x - before_x, there.y - before_y, n * (right - left), n * (bottom - top))
+        own = share.own
+        if own is not None and n == 2:
+            wide = np.zeros((whole.height, whole.width), dtype=np.uint8)
+            wide[before_y : before_y + share.box.height, before_x : before_x + share.box.width] = own
+            own = np.ascontiguousarray(cv2.dilate(wide, _TWO_BY_TWO, anchor=(0, 0))[::2, ::2])  # any of the four
         for values, out in ((share.correction.factor, factor), (share.correction.offset, offset)):
             if values is not None and out is not None:
-                cv2.copyTo(nodes.dense(values, even, every=2), own, out[top:bottom, left:right])
-    return _Light(box, factor, offset)
+                cv2.copyTo(nodes.dense(values, whole, every=n), own, out[top:bottom, left:right])
+    return _Light(box, n, factor, offset)
 
 
 def _lit(pixels: ImageArray, factor: FloatImage, offset: FloatImage | None) -> ImageArray:
