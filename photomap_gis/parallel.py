@@ -9,14 +9,17 @@ Dask scheduler: a job that is lost with its worker is run again by another one, 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
 import re
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import lru_cache
 from typing import Any, Literal, TypeVar, get_args
 
 from photomap_gis.core.errors import LinkError, MissingExtraError, PhotomapError, UsageError
@@ -62,6 +65,28 @@ def map_jobs(
     if executor == "serial":
         return _serial(fn, jobs, on_progress)
     return _pooled(fn, jobs, executor, workers or usable_cpus(), on_progress)
+
+
+def give_back_memory() -> None:
+    """Return memory that was freed to the system, where the C library keeps it for each thread (glibc).
+
+    Threads come and go with each pool; what their heaps hold would add up from stage to stage. To be called between
+    stages, when large arrays have been dropped: it takes some milliseconds.
+    """
+    trim = _malloc_trim()
+    if trim is not None:
+        trim(0)
+
+
+@lru_cache(maxsize=1)
+def _malloc_trim() -> Callable[[int], int] | None:
+    if not sys.platform.startswith("linux"):
+        return None
+    try:
+        trim: Callable[[int], int] = ctypes.CDLL(None).malloc_trim
+    except (OSError, AttributeError):  # another C library
+        return None
+    return trim
 
 
 def usable_cpus() -> int:

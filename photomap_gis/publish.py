@@ -1,7 +1,7 @@
 """Where every output meets the disk: written in a workspace beside its place, synced, checked, then moved in whole.
 
-A killed or failed run leaves the old output as it was. Failures of the disk become an ``OutputError`` that says what to
-do.
+A killed or failed run leaves the old output as it was; what a killed one leaves of the new, the next run in that folder
+removes. Failures of the disk become an ``OutputError`` that says what to do.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import errno
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,7 +19,14 @@ from photomap_gis.core.errors import DataError, OutputError
 
 Failures = tuple[type[Exception], ...]
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 _SCRATCH_PREFIX = ".photomap-"
+_CLAIM = ".claim"
+_OLD_S = 24 * 3600.0  # a scratch folder that nobody claims is given up after a day
 _NEARLY_FULL_BYTES = 4 << 20
 _NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT} if hasattr(errno, "EDQUOT") else {errno.ENOSPC}
@@ -106,11 +114,61 @@ def _scratch_beside(path: Path, failures: Failures) -> Iterator[Path]:
     if not parent.is_dir():
         raise OutputError(f"{path} cannot be written: the folder {parent} does not exist; create it or choose another")
     with output_errors(path, failures=failures):
+        remove_leftovers(parent)
         folder = Path(tempfile.mkdtemp(prefix=_SCRATCH_PREFIX, dir=parent))
+        owner = _claim(folder, path.name)
         try:
             yield folder
         finally:
+            if owner is not None:
+                os.close(owner)
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_leftovers(parent: Path) -> None:
+    """Remove what killed runs left of their outputs in a folder; those of runs that still go on are not touched.
+
+    A run that was killed while it put a folder in the place of an old one has taken that away: it is put back.
+    """
+    for scratch in parent.glob(f"{_SCRATCH_PREFIX}*"):
+        if scratch.is_symlink() or not scratch.is_dir() or not _is_abandoned(scratch):
+            continue
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            place = parent / Path((scratch / _CLAIM).read_text(encoding="utf-8")).name
+            if (scratch / "old").exists() and not place.exists():
+                (scratch / "old").rename(place)
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _claim(folder: Path, name: str) -> int | None:
+    """Note in a scratch folder whom it is for, and hold that note open, locked, as long as this process lives."""
+    note = folder / f"{_CLAIM}.new"
+    try:
+        owner = os.open(note, os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError:
+        return None
+    try:
+        os.write(owner, name.encode())
+        if fcntl is not None:
+            fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            note.rename(folder / _CLAIM)  # only now: a claim that is there and not locked is a dead one's
+    except OSError:  # a disk without locks: its age tells
+        os.close(owner)
+        return None
+    return owner
+
+
+def _is_abandoned(scratch: Path) -> bool:
+    """Whether the process that made a scratch folder is gone."""
+    try:
+        if fcntl is not None and (scratch / _CLAIM).exists():
+            with (scratch / _CLAIM).open("rb") as claim:
+                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        newest = max(p.stat().st_mtime for p in (scratch, *scratch.iterdir()))
+    except OSError:  # locked, or gone meanwhile
+        return False
+    return time.time() - newest > _OLD_S
 
 
 def _os_message(path: Path, error: OSError) -> str:

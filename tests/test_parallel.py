@@ -1,11 +1,14 @@
 """Every executor is the serial loop: same results, same order, bounded, and it stops when told."""
 
+import sys
 import threading
 from itertools import count, islice
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from photomap_gis.parallel import map_jobs, usable_cpus
+from photomap_gis.parallel import give_back_memory, map_jobs, usable_cpus
 
 EXECUTORS = ("serial", "threads", "processes")
 
@@ -102,3 +105,19 @@ def test_wrong_arguments_are_named_at_once():
 
 def test_there_is_a_processor():
     assert usable_cpus() >= 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a matter of Linux' C library")
+def test_freed_memory_can_be_given_back():
+    """Many middling arrays leave a heap full of holes; what is held stays as it was."""
+    held = [np.full(50_000, k % 256, np.uint8) for k in range(400)]
+    kept = held[::7]
+    del held
+    before = _resident_pages()
+    give_back_memory()
+    assert _resident_pages() <= before
+    assert all((a == 7 * k % 256).all() for k, a in enumerate(kept))
+
+
+def _resident_pages() -> int:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])

@@ -84,11 +84,9 @@ def compare(ground: Path, folder: Path, rounds: int) -> list[Result]:
         print("gdal2tiles.py is not installed (apt-get install python3-gdal): left out", file=sys.stderr)
     else:
         results.append(_tiles(source, ground, folder, tiler, rounds))
-    for compression, bars in (("DEFLATE", (1.0, 1.5)), ("ZSTD", (None, None)), ("JPEG", (None, None))):
+    for compression, bars in (("DEFLATE", (1.0, 1.5)), ("ZSTD", (1.0, 1.0)), ("JPEG", (1.0, 1.0))):
         for name, given, bar in (("the same GeoTIFF", source, bars[0]), ("our tiles", store, bars[1])):
-            results.append(
-                _cog(given, ground, folder, compression, f"COG {compression} from {name}", bar or 0.0, rounds)
-            )
+            results.append(_cog(given, ground, folder, compression, f"COG {compression} from {name}", bar, rounds))
     return results
 
 

@@ -97,13 +97,15 @@ class PosedPlacement:
         """Map ``(N, 2)`` map points to pixels; NaN behind the camera or beyond the lens's fold."""
         xy = np.asarray(xy_map_m, dtype=np.float64)
         x, y, up = self.centre_map
-        below = np.concatenate([xy - [x, y], (up - self.ground.at(xy))[..., None]], axis=-1)
-        rays = below @ self.R_map_camera
-        n = rays[..., :2] / np.where(rays[..., 2:] > 1e-9, rays[..., 2:], np.nan)
-        if self.camera.is_distorted:
-            r2 = np.sum(n * n, axis=-1, keepdims=True)
-            n = np.where(r2 < self.camera.fold_radius**2, n, np.nan)
-        return np.asarray(self.camera.distort(n) * self._focal + self.camera.principal_xy_px, np.float64)
+        dx, dy, dz = xy[..., 0] - x, xy[..., 1] - y, up - self.ground.at(xy)
+        r = self.R_map_camera
+        depth = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
+        behind = depth <= 1e-9
+        if behind.any():
+            depth = np.where(behind, np.nan, depth)
+        n_x = (r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz) / depth
+        n_y = (r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz) / depth
+        return self.camera.picture_of(n_x, n_y)
 
     def jacobian(self, xy_px: npt.ArrayLike) -> FloatArray:
         """``(N, 2, 2)`` derivative of ``project`` by the pixel, by central differences over one pixel."""

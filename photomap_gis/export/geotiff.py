@@ -21,6 +21,7 @@ from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.cog import LEVEL, Packing, pack_cog
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.warp import target_grid, warped
+from photomap_gis.parallel import give_back_memory
 
 COMPRESSIONS = ("DEFLATE", "ZSTD", "LZW", "WEBP", "JPEG", "NONE")
 NOT_GEOREFERENCED = "NOT GEOREFERENCED: local units (not metres), no place on Earth; north is arbitrary"
@@ -75,6 +76,7 @@ def write_geotiff(
             source, temporary, packing=packing, crs_wkt=grid.crs_wkt or LOCAL_CRS_WKT, tags=tags,
             on_progress=on_progress,
         )  # fmt: skip
+    give_back_memory()
     return grid
 
 

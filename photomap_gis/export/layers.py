@@ -29,6 +29,7 @@ from photomap_gis.export.geotiff import (
 )
 from photomap_gis.export.publish import file_in_place_of, folder_in_place_of
 from photomap_gis.export.warp import lattice
+from photomap_gis.parallel import give_back_memory
 
 OnProgress = Callable[[int, int], None]
 
@@ -108,6 +109,7 @@ def write_layer(
         }  # fmt: skip
         rasterio.shutil.copy(str(draft), str(temporary), driver="COG", **options)
         draft.unlink()
+    give_back_memory()
 
 
 @dataclass(frozen=True, slots=True)

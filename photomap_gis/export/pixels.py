@@ -16,6 +16,7 @@ Rgba = npt.NDArray[np.uint8]
 
 _OUTSIDE = -1.0e4  # a coordinate that lies outside every window
 _ANTIALIAS_SIGMA = 0.55
+_MOST_RIM = 0.1  # of the pixels of a shrunk image may be weighted one by one
 
 
 def is_opaque(rgba: Rgba) -> bool:
@@ -35,7 +36,21 @@ def shrink(rgba: Rgba, factor: int) -> Rgba:
         return np.asarray(cv2.resize(rgba, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     if not rgba[..., 3].any():
         return np.zeros((size[1], size[0], 4), np.uint8)
-    return _straight(cv2.resize(_premultiplied(rgba), size, interpolation=cv2.INTER_AREA))
+    plain = np.asarray(cv2.resize(rgba, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    alpha = plain[..., 3]
+    rim = cv2.inRange(alpha, 1, 254)
+    if cv2.countNonZero(rim) > _MOST_RIM * rim.size:
+        return _straight(cv2.resize(_premultiplied(rgba), size, interpolation=cv2.INTER_AREA))
+    # Where all of a block is opaque its plain mean is right; only those that are partly so must be weighted.
+    out = cv2.bitwise_and(plain, plain, mask=alpha)
+    found = cv2.findNonZero(rim)
+    if found is not None:
+        col, row = found.reshape(-1, 2).T
+        blocks = rgba.reshape(size[1], factor, size[0], factor, 4)[row, :, col].reshape(-1, factor * factor, 4)
+        weight = blocks[..., 3:].astype(np.float32)
+        mean = (blocks[..., :3] * weight).sum(axis=1) / weight.sum(axis=1)
+        out[row, col, :3] = np.rint(mean)
+    return np.asarray(out)
 
 
 def sample(

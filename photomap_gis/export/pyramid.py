@@ -63,6 +63,7 @@ class Pyramid:
     min_zoom: int = 0
     keep_zoom: int | None = None
     tile_px: int = 256
+    branch_px: int = _BRANCH_PX
 
     def keys(self, zoom: int) -> list[TileKey]:
         """Return the tiles of a level that touch the extent, row by row."""
@@ -110,7 +111,7 @@ class Pyramid:
 
     def _branch_zoom(self) -> int:
         """Return the level at which a tile is a job."""
-        levels = max(0, int(math.log2(_BRANCH_PX / self.tile_px)))
+        levels = max(0, int(math.log2(self.branch_px / self.tile_px)))
         while levels and len(self.keys(self.max_zoom - levels)) < _BRANCHES_A_WORKER * usable_cpus():
             levels -= 1
         return max(self.min_zoom, self.max_zoom - levels)

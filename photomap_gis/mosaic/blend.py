@@ -33,6 +33,7 @@ LIGHT_EXPLAINS = 0.35
 _DARK = 12.0  # grey levels: near black, shares mean nothing
 _MEAN = np.full(3, 1.0 / 3.0, dtype=np.float32)  # a product is ten times as fast as a mean over three channels
 _NOBODY = -1
+_ALL = 253  # of 255: the shares of two are rounded each
 
 
 class Seen(NamedTuple):
@@ -94,18 +95,58 @@ def _nearest_label(at_nodes: npt.NDArray[np.int16], lattice: Lattice) -> npt.NDA
     return labels
 
 
-def detail_weights(labels: npt.NDArray[np.int16], index: int) -> tuple[Box, FloatImage] | None:
-    """Return where a frame's label reaches and its ``(height, width)`` weight there, feathered, not yet normalised."""
-    mask = (labels == index).astype(np.uint8)
-    x, y, w, h = cv2.boundingRect(mask)
+class Mixed(NamedTuple):
+    """Pixels of a box that several frames give: their rows and columns in it, and the frame's ``(N,)`` weight."""
+
+    row: npt.NDArray[np.int32]
+    col: npt.NDArray[np.int32]
+    weight: npt.NDArray[np.uint8]
+
+
+def part_of(
+    labels: npt.NDArray[np.int16], index: int, box: Box, nobody: npt.NDArray[np.uint8] | None = None
+) -> tuple[Box, npt.NDArray[np.uint8] | None, Mixed | None] | None:
+    """Return what a frame gives of a box of the domain, ``None`` where that is nothing.
+
+    That is: the part of the box that it has to do with, 255 there where the pixels are its own (``None`` where all
+    are), and the pixels that are mixed, along seams. ``box`` lies ``FEATHER_PX`` inside the domain. ``nobody`` is what
+    ``nobodys_part`` says of the box.
+    """
+    margin = FEATHER_PX
+    wide = labels[box.y - margin : box.y + box.height + margin, box.x - margin : box.x + box.width + margin]
+    mine = cv2.compare(wide, index, cv2.CMP_EQ)
+    if cv2.countNonZero(mine) == mine.size:
+        return box, None, None
+    x, y, w, h = cv2.boundingRect(mine)
     if w == 0:
         return None
-    left, top = max(x - FEATHER_PX, 0), max(y - FEATHER_PX, 0)
-    right, bottom = min(x + w + FEATHER_PX, mask.shape[1]), min(y + h + FEATHER_PX, mask.shape[0])
-    box = Box(left, top, right - left, bottom - top)
-    side = 2 * FEATHER_PX + 1
-    weight = cv2.blur(mask[box.slices].astype(np.float32), (side, side), borderType=cv2.BORDER_REPLICATE)
-    return box, weight
+    # In ``wide`` the pixels of ``box`` begin at ``margin``.
+    left, top = max(x - margin, margin), max(y - margin, margin)
+    right, bottom = min(x + w + margin, margin + box.width), min(y + h + margin, margin + box.height)
+    if right <= left or bottom <= top:
+        return None
+    near = np.s_[top - margin : bottom + margin, left - margin : right + margin]
+    side = 2 * margin + 1
+    weight = cv2.blur(mine[near], (side, side))[margin:-margin, margin:-margin]
+    own = mine[top:bottom, left:right]
+    part = Box(left - margin + box.x, top - margin + box.y, right - left, bottom - top)
+    # Along the map's rim nobody has a share: what one frame has beside nobody is not mixed.
+    with_nobody = weight if nobody is None else cv2.add(weight, nobody[part.within(box)])
+    found = cv2.findNonZero(cv2.bitwise_and(cv2.inRange(weight, 1, 255), cv2.inRange(with_nobody, 0, _ALL)))
+    if found is None:
+        return part, own, None
+    col, row = found.reshape(-1, 2).T
+    return part, own, Mixed(row, col, weight[row, col])
+
+
+def nobodys_part(labels: npt.NDArray[np.int16], box: Box) -> npt.NDArray[np.uint8] | None:
+    """Return what nobody has of the pixels of a box of the domain, as the weights of ``Mixed``; ``None``: nothing."""
+    margin = FEATHER_PX
+    wide = labels[box.y - margin : box.y + box.height + margin, box.x - margin : box.x + box.width + margin]
+    if wide.min() > _NOBODY:
+        return None
+    none = cv2.compare(wide, _NOBODY, cv2.CMP_EQ)
+    return np.asarray(cv2.blur(none, (2 * margin + 1, 2 * margin + 1))[margin:-margin, margin:-margin])
 
 
 def consensus_weights(seen: Sequence[Seen]) -> FloatImage:
@@ -180,10 +221,9 @@ def _dense_cost(one: Seen, lattice: Lattice, not_mine: npt.NDArray[np.bool_] | N
     if np.min(one.at_nodes.border_px) > 0.0:  # false where NaN
         return cost
     placement = one.view.placement
-    x = lattice.dense(one.at_nodes.x_px.astype(np.float32))
-    y = lattice.dense(one.at_nodes.y_px.astype(np.float32))
-    inside = cv2.bitwise_and(
-        cv2.inRange(x, -0.5, placement.width_px - 0.5), cv2.inRange(y, -0.5, placement.height_px - 0.5)
+    xy = np.stack([one.at_nodes.x_px, one.at_nodes.y_px], axis=-1).astype(np.float32)
+    inside = cv2.inRange(
+        lattice.dense(xy), (-0.5, -0.5), (placement.width_px - 0.5, placement.height_px - 0.5)
     )  # NaN is in no range
     out = np.full(cost.shape, np.inf, dtype=np.float32)
     return np.asarray(cv2.copyTo(cost, inside, out))
@@ -193,7 +233,7 @@ def _cheapest(costs: Sequence[FloatImage], indices: Sequence[int], lattice: Latt
     best = np.full((lattice.height, lattice.width), np.inf, dtype=np.float32)
     labels = np.full(best.shape, _NOBODY, dtype=np.int16)
     for index in indices:
-        better = costs[index] < best
-        np.copyto(best, costs[index], where=better)
-        np.copyto(labels, np.int16(index), where=better)
+        better = cv2.compare(costs[index], best, cv2.CMP_LT)
+        cv2.copyTo(costs[index], better, best)
+        labels[better.view(np.bool_)] = index
     return labels

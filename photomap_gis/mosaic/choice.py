@@ -45,9 +45,16 @@ class Sighting(NamedTuple):
 def sight(view: View, xy_map_m: FloatArray, shape: tuple[int, ...], *, slack_m: float) -> Sighting:
     """Return how ``view`` sees ``(N, 2)`` map points, up to ``slack_m`` beyond its footprint; arrays of ``shape``."""
     xy = view.locate(xy_map_m, slack_m=slack_m)
-    x, y = xy[:, 0].reshape(shape), xy[:, 1].reshape(shape)
-    _, border = radius_and_border(view, x, y)
+    x, y = xy[:, 0].reshape(shape).copy(), xy[:, 1].reshape(shape).copy()  # numpy is slow where values lie apart
+    border = border_of(view, x, y)
     return Sighting(x, y, choice_cost(view, distance_from_middle(view, x, y), border), border)
+
+
+def border_of(view: View, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
+    """Return the distances in pixels from the raster's outer edge, positive inside."""
+    w, h = view.placement.width_px, view.placement.height_px
+    dx, dy = np.abs(x_px - (w - 1) / 2.0), np.abs(y_px - (h - 1) / 2.0)
+    return np.minimum(w / 2.0 - dx, h / 2.0 - dy)
 
 
 def radius_and_border(view: View, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -65,10 +72,11 @@ def distance_from_middle(view: View, x_px: FloatArray, y_px: FloatArray) -> Floa
 
 def choice_cost(view: View, distance_px: FloatArray, border_px: FloatArray) -> FloatArray:
     """Return the cost of choosing ``view`` where it sees a spot at these distances from its middle and its edge."""
-    relative = distance_px / view.half_diagonal_px
+    cost = np.square(distance_px / view.half_diagonal_px) + (view.resolution_cost + view.preference_cost)
     rim_px = RIM_SHARE * min(view.placement.width_px, view.placement.height_px)
-    rim = np.clip(1.0 - border_px / rim_px, 0.0, 1.0)
-    return relative * relative + RIM_COST * rim + view.resolution_cost + view.preference_cost
+    if not np.min(border_px, initial=np.inf) > rim_px:  # also where it is NaN
+        cost += RIM_COST * np.clip(1.0 - border_px / rim_px, 0.0, 1.0)
+    return cost
 
 
 def taper(view: View, border_px: FloatArray) -> FloatArray:

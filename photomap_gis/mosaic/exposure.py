@@ -50,9 +50,16 @@ class Exposure:
 
     def factor(self, view: View, radius_px: FloatArray) -> FloatArray:
         """Return ``(..., 3)`` factors for a frame's pixels at these distances from its centre."""
-        r2 = np.minimum(np.nan_to_num(radius_px) / view.half_diagonal_px, 1.2) ** 2
-        lens = np.exp(self.vignette[0] * r2 + self.vignette[1] * r2 * r2)
-        return np.asarray(lens[..., None] * self.gains.get(view.frame, np.ones(3)))
+        return np.asarray(self._of_lens(view, radius_px)[..., None] * self.gains.get(view.frame, np.ones(3)))
+
+    def grey_factor(self, view: View, radius_px: FloatArray) -> FloatArray:
+        """Return ``(...)`` factors of a frame's grey levels: the mean of those of its channels."""
+        return np.asarray(self._of_lens(view, radius_px) * float(np.mean(self.gains.get(view.frame, 1.0))))
+
+    def _of_lens(self, view: View, radius_px: FloatArray) -> FloatArray:
+        r2 = np.square(np.minimum(radius_px / view.half_diagonal_px, 1.2))
+        lens = np.exp((self.vignette[0] + self.vignette[1] * r2) * r2)
+        return np.where(np.isnan(lens), 1.0, lens)  # where the frame does not see the ground
 
 
 class PairRatio(NamedTuple):

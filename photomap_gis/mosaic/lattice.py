@@ -19,6 +19,8 @@ from photomap_gis.core.similarity import FloatArray
 STEP_PX = 8
 """Distance of the nodes, where nothing else is said. Each lies in the middle of a block of this many pixels a side."""
 
+_ROW = 256
+
 FloatImage = npt.NDArray[np.float32]
 
 
@@ -34,6 +36,17 @@ class Box(NamedTuple):
     def slices(self) -> tuple[slice, slice]:
         """Rows and columns, to index an image with."""
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
+    def within(self, other: Box) -> tuple[slice, slice]:
+        """Rows and columns of ``other``'s pixels that are these."""
+        return Box(self.x - other.x, self.y - other.y, self.width, self.height).slices
+
+    def cut(self, other: Box) -> Box | None:
+        """Return what two boxes have in common, ``None`` where that is nothing."""
+        x, y = max(self.x, other.x), max(self.y, other.y)
+        right = min(self.x + self.width, other.x + other.width)
+        bottom = min(self.y + self.height, other.y + other.height)
+        return Box(x, y, right - x, bottom - y) if right > x and bottom > y else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,14 +92,35 @@ class Lattice:
         x, y, w, h, n = *box, self.step_px
         return slice(y // n, -(-(y + h) // n) + 2), slice(x // n, -(-(x + w) // n) + 2)
 
-    def dense(self, values: FloatImage, box: Box | None = None) -> FloatImage:
-        """Interpolate ``(rows, columns)`` or ``(rows, columns, k)`` node values to the pixels of ``box`` (all)."""
+    def dense(self, values: FloatImage, box: Box | None = None, *, every: int = 1) -> FloatImage:
+        """Interpolate ``(rows, columns)`` or ``(rows, columns, k)`` node values to the pixels of ``box`` (all).
+
+        With ``every`` to one pixel in so many a side; it divides the nodes' distance and the box's place and size.
+        """
         x, y, w, h = self.domain if box is None else box
         rows, cols = self.nodes_under(Box(x, y, w, h))
         # Node k is the centre of block k - 1: enlarged, its block begins at pixel (k - 1) * step_px.
-        col0, row0 = cols.start, rows.start
         part = values[rows, cols]
-        size = (part.shape[1] * self.step_px, part.shape[0] * self.step_px)
-        large: FloatImage = cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)
-        left, top = x - (col0 - 1) * self.step_px, y - (row0 - 1) * self.step_px
-        return large[top : top + h, left : left + w]
+        step = self.step_px // every
+        large: FloatImage = cv2.resize(
+            part, (part.shape[1] * step, part.shape[0] * step), interpolation=cv2.INTER_LINEAR
+        )
+        left, top = x // every - (cols.start - 1) * step, y // every - (rows.start - 1) * step
+        return large[top : top + h // every, left : left + w // every]
+
+    def at(self, values: FloatImage, places_px: FloatImage) -> FloatImage:
+        """``(rows, columns, k)`` what ``dense`` of node values is at ``(rows, columns, 2)`` pixels of the domain.
+
+        ``k`` is 4 at most.
+        """
+        nodes = (places_px + 0.5) * np.float32(1.0 / self.step_px) + 0.5  # node k is the centre of block k - 1
+        # Steps of 1/32 of a node's distance, to which OpenCV rounds coordinates, are half pixels or finer.
+        return np.asarray(cv2.remap(values, nodes, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def in_rows(x: npt.NDArray[np.int32], y: npt.NDArray[np.int32]) -> FloatImage:
+    """``(rows, 256, 2)`` the N points and zeros after them: OpenCV takes no row of more than 32767."""
+    rows = -(-len(x) // _ROW)
+    out = np.zeros((rows * _ROW, 2), dtype=np.float32)
+    out[: len(x), 0], out[: len(x), 1] = x, y
+    return out.reshape(rows, _ROW, 2)

@@ -28,7 +28,7 @@ from photomap_gis.mosaic.plan import tile_span
 from photomap_gis.mosaic.preference import detail_m
 from photomap_gis.mosaic.tiles import NOBODY, SourceArray, TileStore
 from photomap_gis.mosaic.views import View, all_views_of
-from photomap_gis.parallel import map_jobs, usable_cpus
+from photomap_gis.parallel import give_back_memory, map_jobs, usable_cpus
 
 RECIPE = "1"
 """Changes whenever the same map would have other layers."""
@@ -92,6 +92,7 @@ def render_layers(
     for done, _ in enumerate(map_jobs(render, tiles, workers=workers or usable_cpus()), start=1):
         if on_progress is not None:
             on_progress(done, len(tiles))
+    give_back_memory()
     return layers
 
 

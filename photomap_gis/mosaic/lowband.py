@@ -60,9 +60,14 @@ def _sampled(
     picture: npt.NDArray[Any], x_px: FloatImage, y_px: FloatImage, width_px: int, height_px: int
 ) -> FloatImage:
     h, w = picture.shape[:2]
-    x = ((np.nan_to_num(x_px) + 0.5) * (w / width_px) - 0.5).astype(np.float32)
-    y = ((np.nan_to_num(y_px) + 0.5) * (h / height_px) - 0.5).astype(np.float32)
-    values = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    xy = np.empty((*x_px.shape, 2), dtype=np.float32)
+    for k, (at_px, side_px, side) in enumerate(((x_px, width_px, w), (y_px, height_px, h))):
+        np.multiply(at_px, np.float32(side / side_px), out=xy[..., k])
+        xy[..., k] += 0.5 * side / side_px - 0.5
+    nowhere = np.isnan(xy)
+    if nowhere.any():
+        xy[nowhere] = 0.0
+    values = cv2.remap(picture, xy.reshape(len(x_px), -1, 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(values, dtype=np.float32)
 
 
@@ -120,6 +125,10 @@ class LowBandStore:
     def get(self, frame: int) -> LowBand:
         """Return the low frequencies of a frame; raises what ``open_image`` raises."""
         return self._cache.get(frame)
+
+    def clear(self) -> None:
+        """Drop what is held in memory."""
+        self._cache.clear()
 
     def _load(self, frame: int) -> LowBand:
         path = self._folder / f"{frame:06d}.low"

@@ -12,12 +12,22 @@ from photomap_gis.core.similarity import FloatArray
 
 def distance_inside(hull: FloatArray, points: npt.ArrayLike) -> FloatArray:
     """``(N,)`` distance of ``(N, 2)`` points from a convex hull's border, positive inside."""
+    return distance_inside_sides(*sides(hull), points)
+
+
+def distance_inside_sides(normals: FloatArray, offsets: FloatArray, points: npt.ArrayLike) -> FloatArray:
+    """Return what ``distance_inside`` does, for a hull whose ``sides`` are known."""
+    # A side a row: numpy takes the least of rows ten times as fast as that of short columns.
+    distances: FloatArray = normals @ np.asarray(points, dtype=np.float64).T
+    distances -= offsets[:, None]
+    return np.asarray(distances.min(axis=0))
+
+
+def sides(hull: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``(K, 2)`` unit normals of a convex hull's sides, pointing inside, and ``(K,)`` how far along them each lies."""
     edges = np.roll(hull, -1, axis=0) - hull
     normals = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)
-    # An edge a row: numpy takes the least of rows ten times as fast as that of short columns.
-    distances: FloatArray = normals @ np.asarray(points, dtype=np.float64).T
-    distances -= np.sum(normals * hull, axis=1)[:, None]
-    return np.asarray(distances.min(axis=0))
+    return normals, np.sum(normals * hull, axis=1)
 
 
 def convex_hull(points: FloatArray) -> FloatArray:

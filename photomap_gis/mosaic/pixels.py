@@ -68,6 +68,12 @@ class LruCache(Generic[Key, Value]):
             if future is not None and future.done():
                 self._forget(key)
 
+    def clear(self) -> None:
+        """Forget all values."""
+        with self._lock:
+            for key in [key for key, future in self._values.items() if future.done()]:
+                self._forget(key)
+
     def _fill(self, key: Key, future: Future[Value]) -> None:
         try:
             value = self._make(key)

@@ -33,7 +33,7 @@ from photomap_gis.mosaic.render import RenderedTile, render_tile_and_sources
 from photomap_gis.mosaic.sharpness import blur_of
 from photomap_gis.mosaic.tiles import TileStore, write_atomically
 from photomap_gis.mosaic.views import View, all_views_of, views_of
-from photomap_gis.parallel import map_jobs, usable_cpus
+from photomap_gis.parallel import give_back_memory, map_jobs, usable_cpus
 
 logger = logging.getLogger(__name__)
 
@@ -41,11 +41,12 @@ ReadPixels = Callable[[int], ImageArray]
 Progress = Callable[[int, int], None]
 Value = TypeVar("Value")
 
-RECIPE = "2"
+RECIPE = "3"
 """Changes whenever the same placements would give other pixels: tiles of an older recipe are rendered anew."""
 
 _TILE_WORK_BYTES = 80 << 20  # arrays of a tile, and what the allocator keeps of them for each thread
-_LOW_BAND_BYTES = 48 << 20
+_TILES_BETWEEN_TRIMS = 16
+_LOW_BAND_BYTES = 24 << 20  # some 400 frames': far more than have to do with a tile
 
 
 def render_mosaic(
@@ -97,11 +98,16 @@ def render_mosaic(
             work = TileWork(trajectory, map_frame, store.folder, plan, read_pixels, scratch, limit_bytes,
                             frozenset(frames.unreadable))  # fmt: skip
             rendered = map_jobs(partial(render_there, *work.keep(scratch)), todo, scheduler=scheduler)
+        give_back_memory()
         for _ in rendered:
             done += 1
+            if done % _TILES_BETWEEN_TRIMS == 0:
+                give_back_memory()  # frames come and go in all threads: what they leave free does not fit the next
             if on_progress is not None:
                 on_progress(done, total)
     shutil.rmtree(scratch, ignore_errors=True)
+    frames.clear()
+    give_back_memory()
     return store
 
 
@@ -205,6 +211,11 @@ class _Frames:
         self.unreadable: set[int] = set()
         sizes = [p.width_px * p.height_px * 3 for p in trajectory.placements]
         self.capacity = max(1, limit_bytes // max(1, *sizes, 1))
+
+    def clear(self) -> None:
+        """Drop all pixels."""
+        self._images.clear()
+        self._lows.clear()
 
     def image(self, view: View) -> SourceImage:
         """Return the frame's pixels, prepared for the grid."""

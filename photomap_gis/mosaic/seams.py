@@ -15,7 +15,6 @@ alone (the same flood along a line, between corners that are left to ``choice``)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,15 +61,18 @@ def node_labels(
     with np.errstate(invalid="ignore"):  # where a frame does not see a node its cost is infinite
         height, freedom, free = _relief(costs, greys, roughness, half_diagonals_nodes)
     first, last = edges
-    # Along an edge nodes are connected with each other only, and the corners are left to choice.
-    edge = np.zeros_like(free)
-    edge[[first, last], first : last + 1] = edge[first : last + 1, [first, last]] = True
-    settled = ~free
-    settled[np.ix_((first, last), (first, last))] = True
-    on_edge = flood(np.where(edge, height, np.inf), best, edge & ~settled)
     with np.errstate(invalid="ignore"):
         allowed = costs - least <= 2.0 * freedom  # NaN where nobody sees the node
-    labels = np.where(edge, _where_allowed(on_edge, best, allowed), best)
+    labels = best.copy()
+    # Along an edge nodes are connected with each other only, and the corners are left to choice.
+    along = slice(first, last + 1)
+    for line in ((first, along), (last, along), (along, first), (along, last)):
+        settled = free[line].copy()
+        settled[[0, -1]] = False
+        labels[line] = flood_line(height[line], best[line], settled)
+    edge = np.zeros_like(free)
+    edge[[first, last], along] = edge[along, [first, last]] = True
+    labels = np.where(edge, _where_allowed(labels, best, allowed), best)
     # The nodes just beyond an edge go with it: pixels between are interpolated from both.
     labels[[first - 1, last - 1], first : last + 1] = labels[[first, last], first : last + 1]
     labels[first : last + 1, [first - 1, last - 1]] = labels[first : last + 1, [first, last]]
@@ -85,32 +87,58 @@ def flood(height: FloatImage, labels: Labels, free: npt.NDArray[np.bool_]) -> La
     overcome; where nobody reaches it, it keeps its label. That is the cut of a minimum spanning forest [2].
     """
     rows, cols = labels.shape
-    number = np.arange(rows * cols).reshape(rows, cols)
-    level = np.where(free, height, -1.0)  # settled nodes are sources: it costs nothing to leave them
-    level[~np.isfinite(height)] = np.inf
-    a = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    b = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    weight = np.maximum(level.ravel()[a], level.ravel()[b])
-    is_free = free.ravel()
-    use = (is_free[a] | is_free[b]) & np.isfinite(weight)
-    sources = np.unique(np.concatenate([a[use], b[use]]))
-    sources = sources[~is_free[sources] & (labels.ravel()[sources] != NOBODY)]
+    is_free, label = free.reshape(-1), labels.reshape(-1)
+    level = np.where(is_free, height.reshape(-1), -1.0)  # settled nodes are sources: it costs nothing to leave them
+    passable = np.isfinite(height).reshape(-1) & (is_free | (label != NOBODY))
+    beside = np.zeros((2, rows, cols), dtype=bool)  # pairs that a free node has part in, by their left or upper node
+    np.logical_or(free[:, :-1], free[:, 1:], out=beside[0, :, :-1])
+    np.logical_or(free[:-1], free[1:], out=beside[1, :-1])
+    right, below = np.flatnonzero(beside[0]), np.flatnonzero(beside[1])
+    a, b = np.concatenate([right, below]), np.concatenate([right + 1, below + cols])
+    use = passable[a] & passable[b]
+    a, b = a[use], b[use]
+    touched = np.zeros(rows * cols, dtype=bool)
+    touched[a] = touched[b] = True
+    nodes = np.flatnonzero(touched)
+    number = np.empty(rows * cols, dtype=np.int32)
+    number[nodes] = np.arange(len(nodes), dtype=np.int32)
+    sources = nodes[~is_free[nodes]]
     if not len(sources):
         return labels
-    nobody = ~is_free & (labels.ravel() == NOBODY)
-    use &= ~(nobody[a] | nobody[b])
-    root = np.int64(rows * cols)  # joins all sources; cut off again, it leaves a tree a source
-    a, b = np.concatenate([a[use], np.full(len(sources), root)]), np.concatenate([b[use], sources])
-    w = np.concatenate([weight[use] + 2.0, np.full(len(sources), 0.5)])
-    graph = sparse.csr_matrix((w, (a, b)), (rows * cols + 1, rows * cols + 1))
-    tree = csgraph.minimum_spanning_tree(graph).tocoo()
-    keep = (tree.row != root) & (tree.col != root)
-    forest = sparse.coo_matrix((tree.data[keep], (tree.row[keep], tree.col[keep])), graph.shape)
+    root = len(nodes)  # joins all sources; cut off again, it leaves a tree a source
+    first = np.concatenate([number[a], np.full(len(sources), root, dtype=np.int32)])
+    second = np.concatenate([number[b], number[sources]])
+    weight = np.concatenate([np.maximum(level[a], level[b]) + 2.0, np.full(len(sources), 0.5)])
+    order = np.argsort(first, kind="stable")
+    starts = np.zeros(root + 2, dtype=np.int32)
+    np.cumsum(np.bincount(first, minlength=root + 1), out=starts[1:])
+    graph = sparse.csr_matrix((weight[order], second[order], starts), (root + 1, root + 1))
+    tree = csgraph.minimum_spanning_tree(graph)
+    kept = int(tree.indptr[root])  # the root's ties stand in the last row
+    forest = sparse.csr_matrix((tree.data[:kept], tree.indices[:kept], tree.indptr[:-1]), (root, root))
     _, component = csgraph.connected_components(forest, directed=False)
     owner = np.full(len(component), NOBODY, dtype=np.int16)
-    owner[component[sources]] = labels.ravel()[sources]
-    found = owner[component[:-1]].reshape(rows, cols)
-    return np.where(free & (found != NOBODY), found, labels)
+    owner[component[number[sources]]] = label[sources]
+    out = labels.copy()
+    found, mine = owner[component], is_free[nodes] & (owner[component] != NOBODY)
+    out.reshape(-1)[nodes[mine]] = found[mine]
+    return out
+
+
+def flood_line(height: FloatImage, labels: Labels, free: npt.NDArray[np.bool_]) -> Labels:
+    """Return what ``flood`` does for the nodes of a line, ``(N,)`` each: a run of free nodes is cut at its highest."""
+    out = labels.copy()
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        left = NOBODY if start == 0 else labels[start - 1]
+        right = NOBODY if stop == len(labels) else labels[stop]
+        if left == NOBODY or right == NOBODY:
+            if left != right:
+                out[start:stop] = max(left, right)
+            continue
+        highest = start + int(np.argmax(height[start:stop]))
+        out[start : highest + 1], out[highest + 1 : stop] = left, right
+    return out
 
 
 def _where_allowed(labels: Labels, best: Labels, allowed: npt.NDArray[np.bool_]) -> Labels:
@@ -126,17 +154,32 @@ def _relief(
     half_diagonals_nodes: Sequence[float],
 ) -> tuple[FloatImage, FloatImage, npt.NDArray[np.bool_]]:
     """Return when each node is to be flooded, late where a seam does no harm; its freedom in cost; who is free."""
-    two: npt.NDArray[Any] = np.argpartition(costs, 1, axis=0)[:2]
-    pair = np.take_along_axis(costs, two, axis=0)
-    slopes = [np.take_along_axis(slope, two, axis=0) for slope in np.gradient(costs, axis=(1, 2))]
+    cheapest = np.argmin(costs, axis=0)
+    others = costs.copy()
+    np.put_along_axis(others, cheapest[None], np.inf, axis=0)
+    two = np.stack([cheapest, np.argmin(others, axis=0)])
+    # Where one frame alone sees a node, what comes second costs infinitely much, whoever it is.
+    pair = np.stack([costs.min(axis=0), others.min(axis=0)])
+    slopes = [np.take_along_axis(slope, two, axis=0) for slope in _gradients(costs)]
     # Of two frames alike the difference of costs rises evenly, by 2 s a half diagonal, s being their spacing in these.
     half_diagonal = np.asarray(half_diagonals_nodes, dtype=np.float32)[two].mean(axis=0)
     spacing = 0.5 * half_diagonal * np.hypot(*(slope[1] - slope[0] for slope in slopes))
     freedom = 2.0 * spacing * np.minimum(BAND, BAND_OF_SPACING * spacing)
     gap = np.abs(pair[1] - pair[0])
-    free = gap <= freedom  # NaN is not
+    free = (gap <= freedom) & (gap < np.inf)  # NaN is not
     grey, rough = (np.take_along_axis(np.stack(a), two, axis=0) for a in (greys, roughness))
-    harm = _DISAGREE * np.abs(grey[1] - grey[0]) + _ROUGH * rough.mean(axis=0)
+    harm = _DISAGREE * np.abs(grey[1] - grey[0]) + 0.5 * _ROUGH * (rough[0] + rough[1])
     straight = 1.0 - np.divide(gap, freedom, out=np.ones_like(gap), where=free & (freedom > 0.0))
     height = _HIGHEST - np.minimum(harm, _HIGHEST) + _MIDDLE * straight
     return height.astype(np.float32), freedom, free
+
+
+def _gradients(costs: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return the slopes of ``(K, rows, columns)`` along rows and along columns, as ``np.gradient`` takes them."""
+    out = np.empty_like(costs), np.empty_like(costs)
+    for slope, c in zip(out, (costs, costs.swapaxes(1, 2)), strict=True):
+        s = slope if c is costs else slope.swapaxes(1, 2)
+        np.subtract(c[:, 2:], c[:, :-2], out=s[:, 1:-1])
+        s[:, 1:-1] *= 0.5
+        s[:, 0], s[:, -1] = c[:, 1] - c[:, 0], c[:, -1] - c[:, -2]
+    return out

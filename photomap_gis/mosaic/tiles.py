@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from photomap_gis.core.errors import DataError, OutputError
 from photomap_gis.core.grid import MapGrid, TileIndex, Window
+from photomap_gis.mosaic.tile_codec import decode_source, decode_tile, encode_source, encode_tile
 
 RgbaArray = npt.NDArray[np.uint8]
 SourceArray = npt.NDArray[np.int32]
@@ -30,7 +31,9 @@ NOBODY = -1
 
 _FORMAT = 1
 _GRID_FILE = "grid.json"
-_CACHED_TILES = 48
+_CACHED_TILES = 24  # a megabyte each; who reads window by window needs one row of them
+_TILE, _SOURCE = ".tile", ".from"
+_OLD_TILE, _OLD_SOURCE = ".png", ".src"
 # Measured on 20 photographic tiles: 273 kB in 13 ms; level 1 without a strategy 307 kB in 14, level 6 267 kB in 69.
 # The order matters: to OpenCV, naming a level later resets the strategy.
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -39,8 +42,9 @@ _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PN
 class TileStore:
     """A folder of tiles, read as ``core.mosaic.TileSource``; safe among threads.
 
-    ``grid.json`` says what the tiles are; ``<row>/<col>.png`` is a tile, ``<row>/<col>.empty`` one that was rendered
-    and shows nothing; ``<row>/<col>.src`` says which frame each of its pixels shows.
+    ``grid.json`` says what the tiles are; ``<row>/<col>.tile`` is a tile, ``<row>/<col>.empty`` one that was rendered
+    and shows nothing; ``<row>/<col>.from`` says which frame each of its pixels shows. Tiles as PNG, with ``.src``
+    beside them, are read too: so older versions wrote them.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -63,6 +67,8 @@ class TileStore:
                 # The head goes first: were we killed now, no reader would take what is left for a map.
                 (folder / _GRID_FILE).unlink(missing_ok=True)
                 _remove_tiles(folder)
+            for cut_short in folder.glob("*/*.tmp"):  # by a kill
+                cut_short.unlink(missing_ok=True)
             write_atomically(folder / _GRID_FILE, _head_document(grid, revision, fingerprint))
         except OSError as error:
             raise _cannot_write(folder, error) from error
@@ -90,7 +96,7 @@ class TileStore:
 
     def done(self, tile: TileIndex) -> bool:
         """Whether the tile was written, empty or not."""
-        return self._path(tile).exists() or self._path(tile, ".empty").exists()
+        return any(self._path(tile, suffix).exists() for suffix in (_TILE, ".empty", _OLD_TILE))
 
     def write(self, tile: TileIndex, rgba: RgbaArray, source: SourceArray | None = None) -> None:
         """Write a tile, ``(height, width, 4)`` RGBA of the size of the grid's window; whole or not at all.
@@ -101,19 +107,19 @@ class TileStore:
         if rgba.shape != (window.height, window.width, 4) or rgba.dtype != np.uint8:
             raise ValueError(f"rgba must be uint8 {(window.height, window.width, 4)}, got {rgba.dtype} {rgba.shape}")
         seen = bool(rgba[..., 3].any())
-        data = encode_png(rgba) if seen else b""
-        path, other = self._path(tile), self._path(tile, ".empty")
+        data = encode_tile(rgba) if seen else b""
+        path, others = self._path(tile, _TILE), (self._path(tile, ".empty"), self._path(tile, _OLD_TILE))
         if not seen:
-            path, other = other, path
+            path, others = others[0], (path, others[1])
         try:
             if tile.row not in self._made_rows:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._made_rows.add(tile.row)
             if seen and source is not None:  # before the tile: where that lies, this does
-                packed = zlib.compress(np.ascontiguousarray(source, dtype="<i4").tobytes(), 1)
-                write_atomically(self._path(tile, ".src"), packed)
+                write_atomically(self._path(tile, _SOURCE), encode_source(source))
             write_atomically(path, data)
-            other.unlink(missing_ok=True)
+            for other in others:
+                other.unlink(missing_ok=True)
         except OSError as error:
             raise _cannot_write(path, error) from error
         with self._lock:
@@ -141,21 +147,27 @@ class TileStore:
 
     def read_source(self, tile: TileIndex) -> SourceArray:
         """``(height, width)`` int32 the frame that each pixel of a tile shows; ``NOBODY`` where it shows nothing."""
-        window, path = self._grid.window(tile), self._path(tile, ".src")
+        window = self._grid.window(tile)
         shape = (window.height, window.width)
-        if not self._path(tile).exists():
+        kept, path = (_SOURCE, self._path(tile, _SOURCE)), self._path(tile, _TILE)
+        if not path.exists():
+            kept, path = (_OLD_SOURCE, self._path(tile, _OLD_SOURCE)), self._path(tile, _OLD_TILE)
+        if not path.exists():
             return np.full(shape, NOBODY, dtype=np.int32)
+        suffix, path = kept
         try:
-            packed = path.read_bytes()
-            data = zlib.decompressobj().decompress(packed, 4 * shape[0] * shape[1] + 1)
-            return np.frombuffer(data, dtype="<i4").reshape(shape).astype(np.int32)
+            data = path.read_bytes()
         except FileNotFoundError as error:
             raise DataError(
                 f"{self._folder}: this map was drawn by a version that did not note which frame shows what; "
                 "draw it again by 'photomap solve MISSION'"
             ) from error
-        except (OSError, ValueError, zlib.error) as error:
-            raise DataError(f"{path}: damaged; remove the folder and render the map again") from error
+        except OSError as error:
+            raise DataError(f"{path}: cannot be read ({error.strerror}); render the map again") from error
+        source = decode_source(data, shape) if suffix == _SOURCE else _decode_old_source(data, shape)
+        if source is None:
+            raise DataError(f"{path}: damaged; remove the folder and render the map again")
+        return source
 
     def _tile(self, tile: TileIndex) -> RgbaArray | None:
         with self._lock:
@@ -170,18 +182,21 @@ class TileStore:
         return pixels
 
     def _decode(self, tile: TileIndex) -> RgbaArray | None:
-        path = self._path(tile)
-        try:
-            data = path.read_bytes()
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise DataError(f"{path}: cannot be read ({error.strerror}); render the map again") from error
-        pixels = decode_png(data)
         window = self._grid.window(tile)
-        if pixels is None or pixels.shape[:2] != (window.height, window.width):
-            raise DataError(f"{path}: the tile is damaged; remove it and render the map again")
-        return pixels
+        shape = (window.height, window.width)
+        for suffix, decode in ((_TILE, decode_tile), (_OLD_TILE, _decode_old_tile)):
+            path = self._path(tile, suffix)
+            try:
+                data = path.read_bytes()
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                raise DataError(f"{path}: cannot be read ({error.strerror}); render the map again") from error
+            pixels = decode(data, shape)
+            if pixels is None:
+                raise DataError(f"{path}: the tile is damaged; remove it and render the map again")
+            return pixels
+        return None
 
     def _path(self, tile: TileIndex, suffix: str = ".png") -> Path:
         return tile_path(self._folder, TileIndex(tile.row + self._first.row, tile.col + self._first.col), suffix)
@@ -234,6 +249,19 @@ def decode_png(data: bytes) -> RgbaArray | None:
     return rgba
 
 
+def _decode_old_tile(data: bytes, shape: tuple[int, int]) -> RgbaArray | None:
+    pixels = decode_png(data)
+    return pixels if pixels is not None and pixels.shape[:2] == shape else None
+
+
+def _decode_old_source(data: bytes, shape: tuple[int, int]) -> SourceArray | None:
+    try:
+        unpacked = zlib.decompressobj().decompress(data, 4 * shape[0] * shape[1] + 1)
+        return np.frombuffer(unpacked, dtype="<i4").reshape(shape).astype(np.int32)
+    except (ValueError, zlib.error):
+        return None
+
+
 def _read_head(folder: Path) -> tuple[MapGrid, int, str]:
     path = folder / _GRID_FILE
     try:
@@ -276,7 +304,7 @@ def _remove_tiles(folder: Path) -> None:
         if not (row.is_dir() and row.name.isdigit()):
             continue
         for path in row.iterdir():
-            if path.suffix in (".png", ".src", ".empty", ".tmp"):
+            if path.suffix in (_TILE, _SOURCE, ".empty", ".tmp", _OLD_TILE, _OLD_SOURCE):
                 path.unlink()
         if not any(row.iterdir()):
             row.rmdir()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -21,7 +21,7 @@ from photomap_gis.core.frame import FrameStatus
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.mosaic.outline import convex_hull, distance_inside
+from photomap_gis.mosaic.outline import convex_hull, distance_inside_sides, sides
 from photomap_gis.mosaic.seen import SeenGround
 
 MIN_SPACING = 0.1
@@ -62,6 +62,10 @@ class View:
     hull_xy_map_m: FloatArray
     middle_xy_px: FloatArray
     preference_cost: float = 0.0
+    _sides: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_sides", sides(self.hull_xy_map_m))
 
     @property
     def frame(self) -> int:
@@ -87,9 +91,9 @@ class View:
         (left, top), (right, bottom) = xy_map_m.min(axis=0), xy_map_m.max(axis=0)
         box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
         # What is near is convex: where the points' box is, they all are.
-        if (distance_inside(self.hull_xy_map_m, box) >= -slack_m).all():
+        if distance_inside_sides(*self._sides, box).min() >= -slack_m:
             return self.placement.camera_to_map.unproject(xy_map_m)
-        near = distance_inside(self.hull_xy_map_m, xy_map_m) >= -slack_m
+        near = distance_inside_sides(*self._sides, xy_map_m) >= -slack_m
         if near.all():
             return self.placement.camera_to_map.unproject(xy_map_m)
         xy_px = np.full(xy_map_m.shape, np.nan)

@@ -96,3 +96,25 @@ def test_stripes_finer_than_the_samples_turn_grey():
     plain = sample(rgba, *grid(34, 34, 1.7, 3.3))
     assert out[4:-4, 4:-4, 0].std() < 0.45 * plain[4:-4, 4:-4, 0].std()
     assert abs(out[4:-4, 4:-4, 0].mean() - 127.5) < 8
+
+
+@pytest.mark.parametrize("factor", [2, 4])
+@pytest.mark.parametrize("kind", ["ragged border", "holes everywhere", "half transparent"])
+def test_a_shrunk_image_is_that_of_the_floating_twin(rng, factor, kind):
+    """Whole blocks by OpenCV's integers, partly seen ones one by one: both are the weighted mean, rounded."""
+    rgba = rng.integers(0, 256, (96, 128, 4), dtype=np.uint8)
+    y, x = np.mgrid[:96, :128]
+    if kind == "ragged border":
+        rgba[..., 3] = np.where(np.hypot(x - 50, y - 40) < 38, 255, 0)
+    elif kind == "holes everywhere":
+        rgba[..., 3] = 255 * rng.integers(0, 2, (96, 128))
+    blocks = rgba.reshape(96 // factor, factor, 128 // factor, factor, 4).astype(float)
+    alpha = blocks[..., 3:]
+    weight = alpha.sum(axis=(1, 3))
+    colour = (blocks[..., :3] * alpha).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
+    opacity = weight[..., 0] / factor**2
+    out = shrink(rgba, factor).astype(int)
+    assert np.abs(out[..., 3] - opacity).max() <= 0.51
+    seen = out[..., 3] > 0
+    assert np.abs(out[..., :3] - colour)[seen].max() <= 1.0
+    assert not out[~seen].any()

@@ -11,12 +11,13 @@ from photomap_gis.mosaic.blend import (
     SLIVER_PX,
     Seen,
     consensus_weights,
-    detail_weights,
     labels_of,
+    nobodys_part,
+    part_of,
     shift_to_consensus,
 )
 from photomap_gis.mosaic.choice import sight
-from photomap_gis.mosaic.lattice import STEP_PX, Lattice
+from photomap_gis.mosaic.lattice import STEP_PX, Box, Lattice
 from photomap_gis.mosaic.views import views_of
 from tests.mosaic.flight import GSD_M, MAP_FRAME, place
 
@@ -66,12 +67,34 @@ def test_slivers_are_left_to_others_but_ground_is_never_lost():
 def test_detail_is_feathered_over_a_few_pixels():
     lattice, seen = look(place(0, 40, 35), place(1, 62, 35))
     labels = labels_of(seen, lattice)
-    box, weight = detail_weights(labels, 0)
-    assert weight.shape == (box.height, box.width)
-    row = weight[box.height // 2, box.width // 2 :]  # towards the other frame
-    ramp = row[(row > 0.01) & (row < 0.99)]
+    box = Box(STEP_PX, STEP_PX, GRID.width, GRID.height)
+    part, own, mixed = part_of(labels, 0, box, nobodys_part(labels, box))
+    assert own.shape == (part.height, part.width)
+    middle = part.height // 2
+    assert np.array_equal(own[middle] > 0, labels[part.slices][middle] == 0)
+    ramp = mixed.weight[mixed.row == middle]
     assert FEATHER_PX <= len(ramp) <= 2 * FEATHER_PX + 1
-    assert detail_weights(labels, 5) is None
+    assert (np.diff(ramp.astype(int)) < 0).all()  # towards the other frame
+    assert part_of(labels, 5, box) is None
+
+
+def test_beside_nobody_nothing_is_mixed():
+    lattice, seen = look(place(0, 50, 37))
+    labels = labels_of(seen, lattice)
+    box = Box(STEP_PX, STEP_PX, GRID.width, GRID.height)
+    assert (inner(labels) < 0).any()
+    assert part_of(labels, 0, box, nobodys_part(labels, box))[2] is None
+    assert nobodys_part(np.zeros_like(labels), box) is None
+
+
+def test_a_frame_that_gives_all_is_told_so():
+    labels = np.full((60, 80), 2, dtype=np.int16)
+    box = Box(STEP_PX, STEP_PX, 60, 40)
+    assert part_of(labels, 2, box) == (box, None, None)
+    labels[:STEP_PX] = 1  # meets the box's first row
+    part, own, mixed = part_of(labels, 1, box)
+    assert part == Box(STEP_PX, STEP_PX, 60, FEATHER_PX) and not own.any()
+    assert set(mixed.row) == set(range(FEATHER_PX))
 
 
 def test_consensus_adds_up_to_one_wherever_somebody_looks(rng):

@@ -179,11 +179,11 @@ def test_a_frame_that_only_its_gps_places_is_as_unsure_as_it_says(ground, tmp_pa
 def test_a_map_without_notes_of_its_sources_says_what_to_do(flight, times, tmp_path):
     grid = plan_grid(flight.trajectory, MAP_FRAME, pixel_size=GSD_M, tile_size=256)
     store = render_mosaic(flight.trajectory, MAP_FRAME, grid, flight.read, tmp_path, revision=1)
-    for path in tmp_path.glob("*/*.src"):
+    for path in tmp_path.glob("*/*.from"):
         path.unlink()
     with pytest.raises(DataError, match="photomap solve"):
         render_layers(store, flight.trajectory, MAP_FRAME, times_s=times)
-    done = sorted(store.folder.glob("*/*.png"))
-    done[0].with_suffix(".src").write_bytes(b"nonsense")
+    done = sorted(store.folder.glob("*/*.tile"))
+    done[0].with_suffix(".from").write_bytes(b"nonsense")
     with pytest.raises(DataError):
         render_layers(store, flight.trajectory, MAP_FRAME, times_s=times, workers=1)

@@ -130,3 +130,13 @@ def test_thumbnails_survive_on_disk_and_damage_is_mended(tmp_path, rng):
     (tmp_path / "000003.low").write_bytes(b"short")
     LowBandStore(tmp_path, open_image, limit_bytes=1 << 20).get(3)
     assert opened == [3, 3]
+
+
+def test_a_cache_that_is_cleared_makes_its_values_anew():
+    made = []
+    cache = LruCache(lambda key: made.append(key) or np.zeros(100, np.uint8), lambda a: a.nbytes, 10_000)
+    cache.get(1)
+    cache.clear()
+    assert cache.held_bytes == 0
+    cache.get(1)
+    assert made == [1, 1] and cache.held_bytes == 100

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.mosaic.exposure import Exposure
 from photomap_gis.mosaic.render import render_tile_and_sources
-from photomap_gis.mosaic.seams import BAND, NOBODY, flood, node_labels
+from photomap_gis.mosaic.seams import BAND, NOBODY, flood, flood_line, node_labels
 from photomap_gis.mosaic.views import views_of
 from tests.mosaic.flight import GSD_M, MAP_FRAME, Flight, picture, place
 from tests.mosaic.test_render import Source
@@ -173,3 +173,19 @@ def test_towers_are_not_cut_in_a_map(leaning):
     assert len(np.unique(tile.source[tile.source >= 0])) == 2
     areas = [int(red[y - 12 : y + 12, x - 40 : x + 40].sum()) for x, y in towers]
     assert min(areas) > 0.8 * 14 * 14, "a tower is missing or cut"
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 20))
+def test_along_a_line_the_flood_is_that_of_the_plane(seed, count):
+    """A twin: the flood of an area one node high, heights all different."""
+    rng = np.random.default_rng(seed)
+    height = rng.permutation(count).astype(np.float32)
+    labels, free = rng.integers(-1, 3, count).astype(np.int16), rng.random(count) < 0.7
+    line, plane = flood_line(height, labels, free), flood(height[None], labels[None], free[None])[0]
+    # A run's highest node may go either way: from both sides the way to it leads over itself.
+    assert np.array_equal(line[~free], labels[~free])
+    for k in np.flatnonzero(line != plane):
+        start = k - next(n for n in range(k + 1) if k - n == 0 or not free[k - n - 1])
+        stop = k + next(n for n in range(1, count - k + 1) if k + n == count or not free[k + n])
+        assert height[k] == height[start:stop].max()

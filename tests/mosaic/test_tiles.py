@@ -2,14 +2,19 @@
 
 import json
 import threading
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from photomap_gis.core.errors import DataError, OutputError
 from photomap_gis.core.grid import MapGrid, TileIndex, Window
 from photomap_gis.mosaic import TileStore
+from photomap_gis.mosaic.tile_codec import decode_tile, encode_tile
 from photomap_gis.mosaic.tiles import decode_png, encode_png
 
 GRID = MapGrid("a CRS", 100.0, 200.0, 0.5, 150, 90, 64)
@@ -63,7 +68,7 @@ def test_an_empty_tile_is_done_and_takes_no_space(tmp_path):
     tile = TileIndex(1, 1)
     assert not store.done(tile)
     store.write(tile, np.zeros((26, 64, 4), np.uint8))
-    assert store.done(tile) and not list(tmp_path.glob("*/*.png"))
+    assert store.done(tile) and [p.suffix for p in tmp_path.glob("*/*")] == [".empty"]
     assert not store.read(GRID.window(tile)).any()
 
 
@@ -101,9 +106,12 @@ def test_no_store_and_damaged_stores_are_named(tmp_path, rng):
     with pytest.raises(DataError, match="no rendered map"):
         TileStore(tmp_path)
     store, _ = filled(tmp_path, rng)
-    (store.folder / "00000" / "00000.png").write_bytes(b"\x89PNG broken")
-    with pytest.raises(DataError, match="damaged"):
-        TileStore(store.folder).read(Window(0, 0, 9, 9))
+    path = store.folder / "00000" / "00000.tile"
+    good = path.read_bytes()
+    for data in (b"", b"PMT1", b"PMT1\x03nonsense", good[:-1], good[:40] + bytes([good[40] ^ 1]) + good[41:]):
+        path.write_bytes(data)
+        with pytest.raises(DataError, match="damaged"):
+            TileStore(store.folder).read(Window(0, 0, 9, 9))
     head = store.folder / "grid.json"
     head.write_text(json.dumps({**json.loads(head.read_text()), "format": 99}))
     with pytest.raises(DataError, match="version"):
@@ -123,6 +131,55 @@ def test_a_tile_of_the_wrong_size_is_refused(tmp_path):
     store = TileStore.create(tmp_path, GRID, revision=1)
     with pytest.raises(ValueError, match="rgba"):
         store.write(TileIndex(1, 2), np.zeros((64, 64, 4), np.uint8))
+
+
+def test_which_frame_shows_what_is_kept(tmp_path, rng):
+    store, whole = filled(tmp_path, rng)
+    tile = TileIndex(0, 1)
+    shown = rng.integers(-1, 70_000, (64, 64)).astype(np.int32)
+    store.write(tile, whole[:64, 64:128], shown)
+    assert np.array_equal(TileStore(store.folder).read_source(tile), shown)
+    store.write(TileIndex(1, 2), np.zeros((26, 22, 4), np.uint8))
+    assert (store.read_source(TileIndex(1, 2)) == -1).all()
+    path = store.folder / "00000" / "00001.from"
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(DataError, match="damaged"):
+        store.read_source(tile)
+    path.unlink()
+    with pytest.raises(DataError, match="which frame shows what"):
+        store.read_source(tile)
+
+
+def test_tiles_of_older_versions_are_read_and_replaced(tmp_path, rng):
+    store = TileStore.create(tmp_path, GRID, revision=1)
+    rgba = rng.integers(0, 256, (64, 64, 4), dtype=np.uint8)
+    shown = rng.integers(0, 9, (64, 64)).astype("<i4")
+    row = tmp_path / "00000"
+    row.mkdir()
+    (row / "00000.png").write_bytes(encode_png(rgba))
+    (row / "00000.src").write_bytes(zlib.compress(shown.tobytes(), 1))
+    tile = TileIndex(0, 0)
+    assert store.done(tile) and np.array_equal(store.read(GRID.window(tile)), rgba)
+    assert np.array_equal(store.read_source(tile), shown)
+    store.write(tile, rgba[::-1].copy(), shown[::-1].copy())
+    assert np.array_equal(store.read(GRID.window(tile)), rgba[::-1])
+    assert np.array_equal(store.read_source(tile), shown[::-1])
+    assert not (row / "00000.png").exists()
+
+
+@given(arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(4))))
+def test_a_tile_keeps_every_bit(rgba):
+    shape = rgba.shape[:2]
+    assert np.array_equal(decode_tile(encode_tile(rgba), shape), rgba)
+    assert decode_tile(encode_tile(rgba), (shape[0], shape[1] + 1)) is None
+    opaque = rgba.copy()
+    opaque[..., 3] = 255
+    assert np.array_equal(decode_tile(encode_tile(opaque), shape), opaque)
+
+
+@given(st.binary(max_size=40))
+def test_nonsense_is_no_tile(data):
+    assert decode_tile(data, (8, 8)) is None and decode_tile(b"PMT1\x04" + data, (8, 8)) is None
 
 
 def test_png_keeps_every_bit(rng):

@@ -46,11 +46,11 @@ def test_a_run_killed_while_it_draws_and_while_it_layers_ends_as_if_nothing_had_
         f"map_flight([{str(flown.photos)!r}], Path({str(folder)!r}), settings, on_progress=progress)\n"
     )
     made: list[set[Path]] = []
-    for stage, share, kind in (("render", 0.8, "*/*.png"), ("layers", 0.3, "layers/*/*.layers")):
+    for stage, share, kind in (("render", 0.8, "*/*.tile"), ("layers", 0.3, "layers/*/*.layers")):
         killed = subprocess.run([sys.executable, "-c", code, stage, str(share)], capture_output=True, env=os.environ)
         assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
         made.append(set((folder / "mosaic").glob(kind)))
-    assert 0 < len(made[0]) < len(list((folder / "mosaic").glob("*/*.png")))
+    assert 0 < len(made[0]) < len(list((folder / "mosaic").glob("*/*.tile")))
     stamps = {p: p.stat().st_mtime_ns for p in made[1]}
     map_flight([flown.photos], folder, settings)
     assert stamps and all(p.stat().st_mtime_ns == stamp for p, stamp in stamps.items()), "what was done is kept"
