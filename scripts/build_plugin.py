@@ -56,7 +56,7 @@ def members(compiled: dict[str, Path]) -> dict[str, Path]:
     }
     page = ROOT / "docs" / "qgis.md"
     found["help/qgis.md"] = page
-    for picture in re.findall(r"\]\((pictures/[\w.-]+\.png)\)", page.read_text(encoding="utf-8")):
+    for picture in re.findall(r"\]\((images/[\w.-]+\.png)\)", page.read_text(encoding="utf-8")):
         found[f"help/{picture}"] = page.parent / picture
     return {name: path for name, path in found.items() if not name.endswith(".qm")} | compiled
 

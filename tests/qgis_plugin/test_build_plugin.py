@@ -88,9 +88,9 @@ def test_pictures_of_the_help_page_are_with_it(archive):
     with zipfile.ZipFile(archive) as plugin:
         names = plugin.namelist()
         page = plugin.read("photomap/help/qgis.md").decode()
-        assert plugin.read("photomap/help/pictures/qgis-map.png").startswith(b"\x89PNG")
+        assert plugin.read("photomap/help/images/qgis-map.png").startswith(b"\x89PNG")
     for line in page.splitlines():
-        if "](pictures/" in line:
+        if "](images/" in line:
             picture = line.split("](")[1].rstrip(")")
             assert f"photomap/help/{picture}" in names
 
