@@ -31,9 +31,9 @@ def call_at_end_of_stdin(then: Callable[[], None]) -> None:
     """Call ``then`` from a thread of its own when standard input ends; what comes in before is read and forgotten."""
 
     def wait() -> None:
-        with contextlib.suppress(OSError, ValueError):  # no stdin at all is one that has ended
-            while os.read(sys.stdin.fileno(), _CHUNK_BYTES):
-                pass
+        with contextlib.suppress(OSError, ValueError):
+            while sys.stdin is not None and os.read(sys.stdin.fileno(), _CHUNK_BYTES):
+                pass  # no stdin at all is one that has ended
         then()
 
     threading.Thread(target=wait, name="lifeline", daemon=True).start()

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -36,6 +38,15 @@ def test_the_end_of_stdin_stops_it_as_ctrl_c_does(tmp_path):
     assert ran.returncode == 130
     assert b"stopped" in err
     assert out == b""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes a file descriptor by the shell")
+def test_no_stdin_at_all_is_one_that_has_ended():
+    words = ["sh", "-c", 'exec "$0" -m photomap_gis.cli engine <&-', sys.executable]
+    ran = subprocess.run(words, cwd=ROOT, capture_output=True, timeout=120, check=False)
+    assert ran.returncode == 0
+    assert ran.stderr == b""
+    assert json.loads(ran.stdout)["event"] == "ready"
 
 
 def test_without_the_word_stdin_means_nothing(tmp_path):
