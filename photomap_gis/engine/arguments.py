@@ -41,12 +41,18 @@ def name_of(parameter: click.Parameter) -> str:
     return _long_names(parameter)[0]
 
 
-def argv_of(kind: str, command: click.Command, arguments: Mapping[str, Any], forced: Sequence[str] = ()) -> list[str]:
+def argv_of(
+    kind: str,
+    command: click.Command,
+    arguments: Mapping[str, Any],
+    forced: Sequence[str] = (),
+    folder: Path | None = None,
+) -> list[str]:
     """Return the command line of a job, without the program.
 
     ``arguments`` are JSON values by the names of ``offered`` (dashes and other long names of the same option will do);
-    ``null`` means not given. ``forced`` are flags by click's names. All that click would refuse is refused here, before
-    a process starts: ``UsageError`` with its words.
+    ``null`` means not given. ``forced`` are flags by click's names; ``folder`` is where the job's relative paths begin.
+    All that click would refuse is refused here, before a process starts: ``UsageError`` with its words.
     """
     known = {name: p for p in offered(command).values() for name in _long_names(p)}
     given: dict[str, Any] = {}
@@ -57,6 +63,8 @@ def argv_of(kind: str, command: click.Command, arguments: Mapping[str, Any], for
         canonical = name_of(parameter)
         if canonical in given:
             raise UsageError(f"{kind}: {name} is given twice")
+        if folder is not None and isinstance(value, str) and isinstance(parameter.type, click.Path):
+            value = str(folder / value)  # click looks here and now whether it exists
         if value is not None:
             given[canonical] = value
     words: list[str] = []

@@ -26,7 +26,7 @@ from photomap_gis.engine.documents import (
 from photomap_gis.engine.history import History
 from photomap_gis.engine.kinds import Kind
 from photomap_gis.engine.output import Documents, error_of, progress_of, words_of
-from photomap_gis.engine.process import ask_to_stop, kill_tree, start_process
+from photomap_gis.engine.process import ask_to_stop, kill_tree, start_process, wait_for_end
 
 _MAX_RESULT_BYTES = 64 << 20
 _MAX_LINE_BYTES = 1 << 16
@@ -155,10 +155,9 @@ class Job:
             self.history.add("output", OutputDocument(document=document))
 
     def _wait(self, readers: Sequence[threading.Thread]) -> None:
-        code = self._process.wait()
+        code = wait_for_end(self._process)
         for reader in readers:
             reader.join(_LAST_WORDS_S)
-        kill_tree(self._process)  # nothing that a job started may outlive it
         if self._timer is not None:
             self._timer.cancel()
         result = self._documents.result()

@@ -54,7 +54,7 @@ class Jobs:
         known = self._kinds.get(kind)
         if known is None:
             raise UsageError(f"there is no job {kind!r}; there are {', '.join(self._kinds)}")
-        argv = argv_of(kind, self._command_of(kind), arguments, known.forced)
+        argv = argv_of(kind, self._command_of(kind), arguments, known.forced, folder)
         with self._lock:
             if self._closed:
                 raise TooManyJobs

@@ -64,6 +64,16 @@ def start_process(argv: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
         raise DataError(f"no process could be started for the job: {error}") from error
 
 
+def wait_for_end(process: subprocess.Popen[bytes]) -> int:
+    """Wait for a process's end, end what it started and left behind, and return its exit code."""
+    if hasattr(os, "waitid"):
+        with contextlib.suppress(ChildProcessError):
+            # Not reaped yet: until then no other process can have its number, so no other can be hit.
+            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+            kill_tree(process)
+    return process.wait()
+
+
 def ask_to_stop(process: subprocess.Popen[bytes]) -> None:
     """Close the process's lifeline: it stops as by ^C, at a state from which it can go on."""
     if process.stdin is not None:

@@ -44,6 +44,7 @@ def test_a_flight_is_simulated_mapped_and_shown(engine, tmp_path):
     assert job["command"][:2] == ["photomap", "simulate"]
     assert engine.end_of(job["id"])["state"] == "done"
     job = engine.start("map", tmp_path, sources=["f/photos"], output="m", layers=True)  # relative to the job's folder
+    assert f"--output={tmp_path / 'm'}" in job["command"]
     events = list(engine.events(job["id"]))
     numbers = [number for number, *_ in events]
     assert numbers == sorted(set(numbers))
