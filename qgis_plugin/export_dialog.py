@@ -34,6 +34,7 @@ from qgis.PyQt.QtWidgets import (
 from .compare_dialog import file_of
 from .formats import COMPRESSIONS, TILE_FORMATS, formats
 from .job_bar import JobBar
+from .layers import reopen
 from .main_dock.map_form import raster_box
 from .mission import MissionError, read_mission
 from .mission_box import MissionBox
@@ -220,7 +221,10 @@ class ExportDialog(QDialog):
         return str(path)
 
     def _show(self, path: Path) -> None:
-        if path.suffix in SHOWN and path.is_file():
+        there = [layer for layer in QgsProject.instance().mapLayers().values() if layer.source() == str(path)]
+        for layer in there:  # exported once more: the same file, other pixels
+            reopen(layer)
+        if path.suffix in SHOWN and path.is_file() and not there:
             layer = QgsRasterLayer(
                 str(path), tr("{}: export {}").format(Path(self.mission.folder()).name, path.name), "gdal"
             )

@@ -87,19 +87,23 @@ def refresh_mission(
 ) -> Iterator[QgsLayerTreeGroup]:
     """Show a mission that was solved again in its group: sources opened anew, names renewed, new layers added.
 
-    QGIS never reloads a changed raster by itself: the provider is made anew on the same source, styles stay.
+    QGIS never reloads a changed raster by itself: the provider is made anew on the same source, styles stay. So are
+    stale layers that show the map since it was swapped into them. A piece that is part of another now is taken away.
     """
     group.setName(mission.title)
     by_path = {str(m.path): m for m in mission.maps}
     layers = mission_layers(mission.folder, project)
     present = {(str(layer.customProperty(ROLE)), _path(layer)) for layer in layers}
-    for layer in layers:
+    swapped = [x for x in project.mapLayers().values() if _path(x) in by_path and x not in layers]
+    for layer in (*layers, *swapped):
         found = by_path.get(_path(layer))
-        if layer.customProperty(ROLE) == "map" and found is not None:
-            layer.setName(map_title(found, len(mission.maps)))
         if Path(_path(layer)).is_file():
+            if found is not None:
+                layer.setName(_renewed(layer.name(), mission, found))
             reopen(layer)
             _without_place(layer, mission.georeferenced)
+        elif layer.customProperty(ROLE) == "map":
+            project.removeMapLayer(layer.id())
         yield group
     for found in mission.maps:
         if ("map", str(found.path)) not in present:
@@ -214,6 +218,13 @@ def _add(layer, role: str, mission: MissionFiles, project: QgsProject, group: Qg
     node: QgsLayerTreeLayer = group.addLayer(layer) if index < 0 else group.insertLayer(index, layer)
     node.setItemVisibilityChecked(role in SHOWN)
     node.setExpanded(False)
+
+
+def _renewed(name: str, mission: MissionFiles, found: MapFile) -> str:
+    """Return a layer's name with the new date and accuracy, whichever of the plugin's ways it was named in."""
+    if re.search(r" \[[^\[\]]*\]$", name):
+        return re.sub(r" \[[^\[\]]*\]$", lambda _: f" [{mission.name}: {found.statement}]", name)
+    return f"{name.partition(': ')[0]}: {found.statement}" if ": " in name else name
 
 
 def _without_place(layer: QgsMapLayer, georeferenced: bool) -> None:

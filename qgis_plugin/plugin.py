@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from qgis.core import QgsApplication, QgsMapLayerType, QgsProject
+from qgis.core import Qgis, QgsApplication, QgsMapLayerType, QgsMessageLog, QgsProject
 from qgis.PyQt.QtCore import QCoreApplication, Qt
 from qgis.PyQt.QtGui import QIcon
 from qgis.PyQt.QtWidgets import QAction, QDialog, QDockWidget, QMenu
 
-from .messages import Messages
+from .messages import TITLE, Messages
 from .overlay import sweep
 from .translation import install_translator, tr
 
@@ -98,17 +99,19 @@ class PhotomapPlugin:
         self._undo.append(lambda: QgsApplication.processingRegistry().removeProvider(provider))
 
     def unload(self) -> None:
-        """Take everything back, last things first."""
+        """Take everything back, last things first; a step that fails is written down and does not keep the others."""
         for key in list(self._docks):
-            self._close_dock(key)
+            _safely(lambda key=key: self._close_dock(key))
         while self._undo:
-            self._undo.pop()()
+            _safely(self._undo.pop())
         if self._help is not None:
             self._help.close()
             self._help.deleteLater()
             self._help = None
         self._actions.clear()
         self.context = None
+        if self._iface is None:  # in qgis_process
+            return
         if self._iface.mapCanvas().mapTool() is None:  # one of ours was in hand
             self._iface.actionPan().trigger()
 
@@ -145,10 +148,12 @@ class PhotomapPlugin:
     def _close_dock(self, key: str) -> None:
         dock = self._docks.pop(key)
         dock.visibilityChanged.disconnect(self._actions[key].setChecked)
-        dock.release()
-        self._iface.removeDockWidget(dock)
-        dock.setParent(None)
-        dock.deleteLater()
+        try:
+            dock.release()
+        finally:
+            self._iface.removeDockWidget(dock)
+            dock.setParent(None)
+            dock.deleteLater()
 
     def _show(self, key: str, shown: bool) -> None:
         if shown:
@@ -232,3 +237,11 @@ class PhotomapPlugin:
         self._undo.append(take)
         self._actions[key] = action
         return action
+
+
+def _safely(step: Callable[[], None]) -> None:
+    """Take a step of unloading; what it raises goes to the log."""
+    try:
+        step()
+    except Exception:
+        QgsMessageLog.logMessage(traceback.format_exc(), TITLE, Qgis.MessageLevel.Critical, False)

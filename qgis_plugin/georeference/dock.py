@@ -195,6 +195,8 @@ class GeoreferenceDock(QDockWidget):
         self._context.messages.info(tr("The map lies anew: {}").format(mission.maps[0].statement))
 
     def _not_shown(self, error: Exception) -> None:
+        if isinstance(error, RuntimeError):  # the group was removed while it was being filled
+            return
         if not isinstance(error, MissionError):
             raise error
         self._failed(str(error))

@@ -388,14 +388,6 @@
         <translation>Rolle</translation>
     </message>
     <message>
-        <source>On the map</source>
-        <translation>Auf der Karte</translation>
-    </message>
-    <message>
-        <source>On Earth</source>
-        <translation>Auf der Erde</translation>
-    </message>
-    <message>
         <source>Miss (m)</source>
         <translation>Abstand (m)</translation>
     </message>
@@ -410,6 +402,14 @@
     <message>
         <source>Sigma</source>
         <translation>Sigma</translation>
+    </message>
+    <message>
+        <source>On the map</source>
+        <translation>Auf der Karte</translation>
+    </message>
+    <message>
+        <source>On Earth</source>
+        <translation>Auf der Erde</translation>
     </message>
     <message>
         <source>check</source>
@@ -446,6 +446,10 @@
     <message>
         <source>Choose the new map in the layer tree (ticked), then swipe it away.</source>
         <translation>Wählen Sie die neue Karte im Layerbaum (angehakt), dann lässt sie sich wegwischen.</translation>
+    </message>
+    <message>
+        <source>The layer's group has been removed from the project: nothing was put back.</source>
+        <translation>Die Gruppe des Layers wurde aus dem Projekt entfernt: nichts wurde zurückgelegt.</translation>
     </message>
     <message>
         <source>Progress</source>
@@ -536,8 +540,8 @@
         <translation>Markiert: {}</translation>
     </message>
     <message>
-        <source>The flight's mission is finished: {}</source>
-        <translation>Die Mission des Fluges ist fertig: {}</translation>
+        <source>The flight's mission is finished: {}. The dock Photo map has it among the recent missions.</source>
+        <translation>Die Mission des Fluges ist fertig: {}. Das Fenster Fotokarte führt sie unter den letzten Missionen.</translation>
     </message>
     <message>
         <source>The link to {} is there again.</source>
@@ -728,10 +732,6 @@
         <translation>Karte &amp;erstellen</translation>
     </message>
     <message>
-        <source>Stopped. The same photos into the same folder go on from there.</source>
-        <translation>Angehalten. Dieselben Fotos in denselben Ordner machen dort weiter.</translation>
-    </message>
-    <message>
         <source>{} more warnings stand in the log panel “photomap”.</source>
         <translation>{} weitere Warnungen stehen im Protokoll „photomap“.</translation>
     </message>
@@ -754,6 +754,10 @@
     <message>
         <source>Writing track and footprints…</source>
         <translation>Flugweg und Bildflächen werden geschrieben …</translation>
+    </message>
+    <message>
+        <source>Stopped. The same photos into the same folder go on from there.</source>
+        <translation>Angehalten. Dieselben Fotos in denselben Ordner machen dort weiter.</translation>
     </message>
     <message>
         <source>Help</source>
@@ -1736,8 +1740,8 @@
         <translation>Stattdessen Höhe über Grund, Meter</translation>
     </message>
     <message>
-        <source>What must be seen, instead: person, card, vehicle, or metres as 0.4x0.3</source>
-        <translation>Stattdessen, was zu sehen sein muss: person, card, vehicle oder Meter wie 0.4x0.3</translation>
+        <source>What must be seen, instead (person, card, 0.4x0.3)</source>
+        <translation>Stattdessen, was zu sehen sein muss (person, card, 0.4x0.3)</translation>
     </message>
     <message>
         <source>Front overlap, percent</source>
@@ -1984,8 +1988,8 @@
         <translation>Speicher für Bilder, MB</translation>
     </message>
     <message>
-        <source>Mission folder</source>
-        <translation>Missionsordner</translation>
+        <source>Mission folder (a temporary one goes with QGIS)</source>
+        <translation>Missionsordner (ein temporärer verschwindet mit QGIS)</translation>
     </message>
     <message>
         <source>Predicted CE90 in metres</source>
@@ -1994,6 +1998,10 @@
     <message>
         <source>Registered frames</source>
         <translation>Registrierte Bilder</translation>
+    </message>
+    <message>
+        <source>Mission folder</source>
+        <translation>Missionsordner</translation>
     </message>
     <message>
         <source>Only inside these polygons</source>
@@ -2070,6 +2078,10 @@
     <message>
         <source>Report as JSON</source>
         <translation>Bericht als JSON</translation>
+    </message>
+    <message>
+        <source>Formats:</source>
+        <translation>Formate:</translation>
     </message>
     <message>
         <source>The report cannot be written to {}: {}; choose another file.</source>

@@ -165,6 +165,8 @@ class MainDock(QDockWidget):
             )
 
     def _not_shown(self, error: Exception) -> None:
+        if isinstance(error, RuntimeError):  # the group was removed while it was being filled
+            return
         if not isinstance(error, MissionError):
             raise error
         self._context.messages.fail(str(error))

@@ -38,7 +38,7 @@ checkVersion=false
 showTips=false
 newsFeed/httpsfeedqgisorg/disabled=true
 """
-TIMEOUT_S = 240
+TIMEOUT_S = 300
 BAR_MS = 100.0
 """No slot of the plugin should hold the window up for longer, on a machine that does nothing else."""
 MOST_CPU_MS = 2.5 * BAR_MS

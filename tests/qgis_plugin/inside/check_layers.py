@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from osgeo import gdal, osr
-from qgis.core import QgsMapRendererParallelJob, QgsMapSettings, QgsProject
+from qgis.core import QgsMapRendererParallelJob, QgsMapSettings, QgsProject, QgsRasterLayer
 from qgis.PyQt.QtCore import QSize
 from window import role_layers
 
@@ -101,6 +101,24 @@ def test_after_a_solution_the_same_layer_shows_the_new_pixels_place_and_name(win
     assert layer.opacity() == 0.5
     assert layer.name() == "Map: 2026-07-01 08:00 UTC, CE90 1.2 m (tested)"
     assert mission_group(own, QgsProject.instance()).name() == "flight-7: 2026-07-01 08:00 UTC, CE90 1.2 m (tested)"
+
+
+def test_layers_that_show_the_map_otherwise_follow_too_and_lost_pieces_go(window, own):
+    project = QgsProject.instance()
+    for n in (1, 2):
+        shutil.copy(own / "map.tif", own / f"map-{n}.tif")
+    whole(add_mission(read_mission(own), project))
+    swapped = QgsRasterLayer(str(own / "map.tif"), "orthophoto 2019 [flight-7: 2020-01-01 10:00 UTC, CE90 9 m]")
+    theirs = QgsRasterLayer(str(own / "map.tif"), "a name of the user's own")
+    project.addMapLayers([swapped, theirs])
+    for n in (1, 2):
+        (own / f"map-{n}.tif").unlink()
+    found = read_mission(own)
+    whole(add_mission(found, project))
+    assert swapped.name() == f"orthophoto 2019 [flight-7: {found.maps[0].statement}]"
+    assert theirs.name() == "a name of the user's own"
+    (layer,) = map_layers(own, project)
+    assert layer.source() == str(own / "map.tif")
 
 
 def test_a_map_without_a_place_says_so(window, own):

@@ -216,6 +216,9 @@ def test_export_asks_for_formats_area_and_crs(dock, context, window, mission, tm
     assert said == [("info", "Written: map.tif"), ("warn", "packed with loss")]
     (layer,) = QgsProject.instance().mapLayersByName("own: export map.tif")
     assert layer.source() == str(own / "exports" / "map.tif")
+    dialog.start()
+    context.engine.last.finished.emit({"outputs": [str(own / "exports" / "map.tif")], "files": []})
+    assert QgsProject.instance().mapLayersByName("own: export map.tif") == [layer], "not a second one of the same file"
 
 
 def test_burning_into_old_imagery_is_a_geotiff_on_its_grid(dock, context, mission, tmp_path):

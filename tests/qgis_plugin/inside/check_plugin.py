@@ -107,6 +107,30 @@ def ended(pid):
         return True
 
 
+def test_a_dock_that_fails_to_let_go_does_not_keep_the_others(window, empty):
+    plugin = qgis_plugin.classFactory(window)
+    plugin.initGui()
+    for entry in DOCKS:
+        plugin.open_dock(entry.key)
+    release = plugin.dock("map").release
+
+    def broken():
+        release()
+        raise RuntimeError("wrapped C/C++ object has been deleted")
+
+    plugin.dock("map").release = broken
+    plugin.unload()
+    assert census(window) == empty
+
+
+def test_without_a_window_only_processing_is_there_and_goes_again(qgis_app, empty):
+    plugin = qgis_plugin.classFactory(None)
+    plugin.initProcessing()
+    assert "photomap" in [p.id() for p in QgsApplication.processingRegistry().providers()]
+    plugin.unload()
+    assert "photomap" not in [p.id() for p in QgsApplication.processingRegistry().providers()]
+
+
 def test_every_module_of_the_plugin_can_be_imported(qgis_app):
     names = [m.name for m in pkgutil.walk_packages(qgis_plugin.__path__, "qgis_plugin.")]
     assert len(names) > 25

@@ -21,7 +21,7 @@ SETTLE_MS = 60
 class Until:
     """A step of a play: wait until ``condition`` holds; ``words`` say what did not come, after ``seconds``."""
 
-    def __init__(self, condition: Callable[[], object], words: str, seconds: float = 30.0) -> None:
+    def __init__(self, condition: Callable[[], object], words: str, seconds: float = 45.0) -> None:
         self.condition, self.words, self.seconds = condition, words, seconds
 
 
