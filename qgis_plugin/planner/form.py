@@ -272,6 +272,7 @@ class PlannerForm(QWidget):
             label = form.labelForField(field)
             if label is not None:
                 label.setVisible(shown)
+        self.camera.lineEdit().setCursorPosition(0)  # a long name is read from its beginning
         self.target_size.setVisible(fineness == "target" and self.target.currentData() == _OWN_TARGET)
 
     def _connect(self) -> None:

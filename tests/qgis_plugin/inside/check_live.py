@@ -294,6 +294,23 @@ def test_the_ellipse_is_as_large_as_it_says():
     assert (east, north) == pytest.approx((21.46, 4.29), rel=1e-2)
 
 
+def test_a_session_is_started_and_ended_here(dock, flight, tmp_path, wait_until, said):
+    """The real ``photomap live`` as a job of the real engine, on a folder of photos."""
+    dock.panel.source.setText(str(flight / "photos"))
+    dock.panel.output.setFilePath(str(tmp_path / "live"))
+    dock.panel.start_button.click()
+    wait_until(lambda: (dock._health or {}).get("frames") or said.failures, "the first picture", 120)
+    assert not said.failures
+    dock.panel.finalise_button.click()
+    dock.panel.finalise_button.click()
+    wait_until(lambda: dock._job is None, "the end", 180)
+    assert not said.failures
+    assert str(tmp_path / "live") in said.infos[-1]
+    assert (tmp_path / "live" / "mission.json").is_file()
+    assert dock._feed is None
+    assert dock.panel.start_button.isEnabled()
+
+
 def test_nothing_is_left_behind(context, canvas, fly, wait_until):
     dock = LiveDock(context)
     flight = fly()

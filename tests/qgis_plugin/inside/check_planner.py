@@ -9,6 +9,7 @@ from planner_fixtures import FIELD
 from qgis.core import QgsFeature, QgsGeometry, QgsProject, QgsVectorLayer
 from qgis.PyQt.QtCore import Qt
 
+from qgis_plugin.overlay import sweep
 from qgis_plugin.planner.dock import FILE_KINDS, PlannerDock
 
 pytest_plugins = ("planner_fixtures",)
@@ -314,11 +315,14 @@ def test_nothing_is_left_behind(context, hand, wait_until):
 
 
 def test_a_saved_project_is_swept_when_it_is_opened(dock, hand, wait_until, tmp_path):
+    """As ``plugin.py`` has it: ``sweep`` is called whenever a project was read."""
     _draw(dock, hand)
     _planned(dock, wait_until)
     path = str(tmp_path / "project.qgz")
     assert QgsProject.instance().write(path)
     dock.overlay.remove()
     assert QgsProject.instance().read(path)
+    assert QgsProject.instance().mapLayers()
+    sweep()
     assert not QgsProject.instance().mapLayers()
     assert not QgsProject.instance().layerTreeRoot().findGroups()
