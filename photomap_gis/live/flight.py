@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Callable
@@ -246,7 +247,13 @@ def _opened(
             recording.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot write {folder}: {error.strerror}; choose another folder by -o") from error
-    stream = open_stream(source, realtime=request.realtime, options=ingest, clock=clock, recording=recording)
+    try:
+        stream = open_stream(source, realtime=request.realtime, options=ingest, clock=clock, recording=recording)
+    except BaseException:
+        for empty in () if recording is None else (recording, folder):  # a typing error leaves nothing behind
+            with contextlib.suppress(OSError):
+                empty.rmdir()
+        raise
     try:
         telemetry = open_telemetry(
             stream, track=ingest.track, mavlink_url=request.mavlink, options=ingest, clock=clock, recording=recording,

@@ -75,9 +75,8 @@ def begin_session(
     )
     footage = Footage((), flights, locator.warnings, tuple(getattr(locator, "tracks", ())))
     mission = Mission.create(folder, header, footage)
-    document = {
-        "source": source, "options": _numbers(options), "part": 0,
-    }  # fmt: skip
+    named = str(Path(source).absolute()) if Path(source).exists() else source
+    document = {"source": named, "options": _numbers(options), "part": 0}
     save_session(folder, document)
     return Ready(mission, locator, options)
 
