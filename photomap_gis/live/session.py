@@ -26,7 +26,7 @@ from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEven
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph_desk import GraphDesk
-from photomap_gis.live.hand import Command, Hand, KeptPixels, Lay, canvas_digest
+from photomap_gis.live.hand import Command, Hand, KeptPixels, Take, canvas_digest
 from photomap_gis.live.health import HealthWatch
 from photomap_gis.live.journal import FOLDER, JOURNAL, RENDER, LineLog
 from photomap_gis.live.locate import Locator
@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 
 QUEUE = 2
 """Frames that wait for the loop; the oldest is dropped where more come."""
-FLUSH_EVERY_S = 1.0
+FLUSH_EVERY_S = 2.0
 FLUSH_EVERY_KEYS = 24
 LAST_REDRAW_S = 5.0
 REDRAW_SHARE = 0.35
@@ -234,6 +234,8 @@ class Session:
         except PhotomapError as error:  # a full disk: what cannot be kept is told, the flight goes on
             self.failure = error
             self.health.say(str(error))
+        if isinstance(command, Take) and self._waiting_keys:
+            self.latencies.paste.append(1000.0 * (time.monotonic() - self._waiting_keys.popleft()))
 
     def _flush(self) -> None:
         now = time.monotonic()
@@ -258,7 +260,7 @@ class Session:
             self.latencies.pose.append(1000.0 * (time.monotonic() - frame.arrival_s))
         for command in commands:
             if self._realtime:
-                if not isinstance(command, Lay):
+                if isinstance(command, Take):
                     self._waiting_keys.append(frame.arrival_s)
                 self._commands.put(command)
             else:
@@ -337,10 +339,6 @@ class Session:
         painter = self.hand.painter
         if painter is None:
             return
-        if self._waiting_keys:
-            arrival = self._waiting_keys.popleft()
-            if self._realtime:
-                self.latencies.paste.append(1000.0 * (time.monotonic() - arrival))
         windows = tuple(painter.canvas.window_of(t) for t in painter.canvas.take_changed())
         if windows:
             self.view.tell(LiveTiles(painter.canvas.version, windows))
