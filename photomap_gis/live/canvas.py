@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.grid import TileIndex, Window
 from photomap_gis.core.placement import FramePlacement
 from photomap_gis.live.lattice import TILE_PX, LiveLattice
-from photomap_gis.mosaic.lattice import Lattice
+from photomap_gis.mosaic.lattice import Box, Lattice
 
 STEP_PX = 16
 FEATHER = 0.08
@@ -113,22 +113,18 @@ def sheet_of(
     nodes = Lattice.over(window, grid, lattice.frame, step_px=STEP_PX)
     xy = placement.camera_to_map.unproject(nodes.nodes_xy_map_m).reshape(*nodes.shape, 2)
     xy = np.where(np.isfinite(xy), xy, -1e5)
-    dense = nodes.dense(xy.astype(np.float32))
-    part = dense[STEP_PX : STEP_PX + window.height, STEP_PX : STEP_PX + window.width]
-    x, y = np.ascontiguousarray(part[..., 0]), np.ascontiguousarray(part[..., 1])
+    half = (np.array([placement.width_px, placement.height_px]) - 1.0) / 2.0
+    worth = 1.0 + WORTH_A_SECOND * time_s - np.hypot(*(xy - half).transpose(2, 0, 1)) / np.hypot(*half)
+    box = Box(STEP_PX, STEP_PX, window.width, window.height)
+    at = nodes.dense(xy.astype(np.float32), box)
+    inside = cv2.inRange(at, (0.0, 0.0), tuple(2.0 * half))
     h, w = image.shape[:2]
-    scale_x, scale_y = placement.width_px / w, placement.height_px / h
+    if (w, h) != (placement.width_px, placement.height_px):
+        scale = np.array([w / placement.width_px, h / placement.height_px])
+        at = nodes.dense(((xy + 0.5) * scale - 0.5).astype(np.float32), box)
     source = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    at_x, at_y = ((x + 0.5) / scale_x - 0.5, (y + 0.5) / scale_y - 0.5) if (scale_x, scale_y) != (1.0, 1.0) else (x, y)
-    bgr = cv2.remap(source, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    half_w, half_h = (placement.width_px - 1) / 2.0, (placement.height_px - 1) / 2.0
-    inside = cv2.bitwise_and(cv2.inRange(x, 0.0, 2.0 * half_w), cv2.inRange(y, 0.0, 2.0 * half_h))
-    x -= np.float32(half_w)
-    y -= np.float32(half_h)
-    radius = cv2.magnitude(x, y)
-    radius *= np.float32(-1.0 / np.hypot(half_w, half_h))
-    radius += np.float32(1.0 + WORTH_A_SECOND * time_s)
-    return Sheet(window, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), inside, radius, gsd)
+    bgr = cv2.remap(source, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return Sheet(window, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), inside, nodes.dense(worth.astype(np.float32), box), gsd)
 
 
 class LiveCanvas:
@@ -305,19 +301,24 @@ def shared(window: Window, tile: TileIndex) -> tuple[Slices, Slices]:
 
 def blend(planes: TilePlanes, there: Slices, sheet: Sheet, here: Slices, key: int) -> None:
     """Paste a part of a frame on a part of a tile."""
-    inside = sheet.inside[here] > 0
-    worth, old = sheet.worth[here], planes.worth[there]
-    share = np.clip((worth - old) * np.float32(1.0 / FEATHER) + np.float32(0.5), 0.0, 1.0)
-    share *= inside  # nothing shown yet: the old worth is minus infinity, the share one
-    rgb = planes.rgb[there]
-    whole = share >= 0.999
-    mixed = (share > 0.001) & ~whole
-    np.copyto(rgb, sheet.rgb[here], where=whole[..., None])
-    if mixed.any():
-        s = share[mixed][:, None]
-        rgb[mixed] = np.rint(rgb[mixed] * (1.0 - s) + sheet.rgb[here][mixed] * s).astype(np.uint8)
-    better = inside & (worth > old)
-    np.copyto(old, worth, where=better)
-    np.copyto(planes.shown[there], np.int32(key), where=better)
-    np.maximum(planes.newest[there], np.int32(key), out=planes.newest[there], where=inside)
-    np.minimum(planes.gsd[there], np.float32(sheet.gsd), out=planes.gsd[there], where=inside)
+    inside, worth, old = sheet.inside[here], sheet.worth[here], planes.worth[there]
+    gain = cv2.subtract(worth, old)  # nothing shown yet: the old worth is minus infinity, the gain without bounds
+    whole = cv2.bitwise_and(cv2.compare(gain, FEATHER / 2.0, cv2.CMP_GE), inside)
+    mixed = cv2.bitwise_and(cv2.inRange(gain, -FEATHER / 2.0, FEATHER / 2.0), cv2.subtract(inside, whole))
+    _put(planes.rgb, there, sheet.rgb[here], whole)
+    if cv2.countNonZero(mixed):
+        share = cv2.max(cv2.min(gain * np.float32(1.0 / FEATHER) + np.float32(0.5), 1.0), 0.0)
+        both = cv2.blendLinear(sheet.rgb[here], planes.rgb[there], share, np.float32(1.0) - share)
+        _put(planes.rgb, there, both, mixed)
+    better = cv2.bitwise_and(cv2.compare(gain, 0.0, cv2.CMP_GT), inside)
+    keys, gsd = np.full(inside.shape, key, np.int32), np.full(inside.shape, sheet.gsd, np.float32)
+    _put(planes.worth, there, worth, better)
+    _put(planes.shown, there, keys, better)
+    _put(planes.newest, there, cv2.max(planes.newest[there], keys), inside)
+    _put(planes.gsd, there, cv2.min(planes.gsd[there], gsd), inside)
+
+
+def _put(image: npt.NDArray[Any], part: Slices, values: npt.NDArray[Any], mask: ImageArray) -> None:
+    """Copy values into a part of an image where the mask is set."""
+    view = image[part]
+    cv2.copyTo(values, mask, view)

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import os
 import threading
-import zlib
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from photomap_gis.core.errors import OutputError
 from photomap_gis.core.grid import TileIndex
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.lattice import TILE_PX
-from photomap_gis.mosaic.tiles import clear_tiles, encode_png, tile_path, write_head
+from photomap_gis.mosaic.tile_codec import encode_source, encode_tile
+from photomap_gis.mosaic.tiles import SOURCE, clear_tiles, tile_path, write_head
 
 
 class CanvasFolder:
@@ -36,9 +34,8 @@ class CanvasFolder:
         first = self._canvas.lattice.first_tile
         for tile, rgba, shown in dirty:
             number = TileIndex(tile.row + first.row, tile.col + first.col)
-            packed = zlib.compress(np.ascontiguousarray(shown, dtype="<i4").tobytes(), 1)
-            write_quickly(tile_path(self._folder, number, ".src"), packed)
-            write_quickly(tile_path(self._folder, number), encode_png(rgba))
+            write_quickly(tile_path(self._folder, number, SOURCE), encode_source(shown))
+            write_quickly(tile_path(self._folder, number), encode_tile(rgba))
         extent = _extent(self._canvas.tiles())
         if extent is not None and extent != self._extent:
             self._extent = extent
