@@ -61,6 +61,7 @@ class Latencies:
     """How long things took in a session that ran in real time, in milliseconds; bounded."""
 
     step: deque[float] = field(default_factory=lambda: deque(maxlen=40_000))
+    step_cpu: deque[float] = field(default_factory=lambda: deque(maxlen=40_000))
     pose: deque[float] = field(default_factory=lambda: deque(maxlen=40_000))
     paste: deque[float] = field(default_factory=lambda: deque(maxlen=10_000))
     settled_s: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
@@ -250,11 +251,11 @@ class Session:
 
     def _take(self, frame: LiveFrame) -> None:
         self._adopt(frame.stream_time_s)
-        began = time.monotonic()
         ref = self._locator.place(frame)
+        began, began_cpu = time.monotonic(), time.thread_time()
         step, commands = self.loop.take(frame, ref)
-        took_ms = 1000.0 * (time.monotonic() - began)
-        self.latencies.step.append(took_ms)
+        self.latencies.step.append(1000.0 * (time.monotonic() - began))
+        self.latencies.step_cpu.append(1000.0 * (time.thread_time() - began_cpu))
         self._publish(frame, step)
         if self._realtime:
             self.latencies.pose.append(1000.0 * (time.monotonic() - frame.arrival_s))

@@ -207,13 +207,13 @@ class Measurements:
         todo = sorted((p for p in pairs if again or _key(p.a, p.b) not in self._tries), key=lambda p: _key(p.a, p.b))
         known = [left.popleft() if (left := self._earlier.get(_key(p.a, p.b))) else None for p in todo]
         new = [p for p, record in zip(todo, known, strict=True) if record is None]
-        there = partial(measure_there, self._mission.paths, self._run)
-        if self._settings.scheduler is not None:
-            measured = map_jobs(there, new, scheduler=self._settings.scheduler)
-        elif (executor := self._executor(new)) == "processes":
-            measured = map_jobs(there, new, executor=executor, workers=self._settings.workers)
-        else:
-            measured = map_jobs(self._measure, new, executor=executor, workers=self._settings.workers)
+        executor = self._executor(new)
+        measure = self._measure
+        if executor in ("processes", "dask"):
+            measure = partial(measure_there, self._mission.paths, self._run)
+        measured = map_jobs(
+            measure, new, executor=executor, workers=self._settings.workers, scheduler=self._settings.scheduler
+        )
         gained = done = 0
         for pair, record in zip(todo, known, strict=True):
             key = _key(pair.a, pair.b)
@@ -235,6 +235,8 @@ class Measurements:
         A registration by spectra is many short calls: two threads hand Python's lock to and fro and take half as long
         again as one. Features are few long calls. Processes start slowly and make spectra of their own.
         """
+        if self._settings.scheduler is not None:
+            return "dask"
         if self._settings.processes and len(pairs) >= WORTH_PROCESSES and (self._settings.workers or usable_cpus()) > 1:
             return "processes"
         return "threads" if any(p.fallback for p in pairs) else "serial"
