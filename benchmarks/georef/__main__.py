@@ -6,15 +6,13 @@ The exit code is 1 where a bar is missed.
 from __future__ import annotations
 
 import argparse
-import json
-import logging
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ..registration.report import Section, document, markdown
+from ..registration.report import Section
+from ..telling import tell_sections
 from . import reference
 from .options import Options
 
@@ -37,22 +35,10 @@ def _parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return its exit code."""
     chosen = _parser().parse_args(arguments)
-    logging.disable(logging.WARNING)
-    sections = []
+    seeds = tuple(range(chosen.seed, chosen.seed + (QUICK if chosen.quick else chosen.seeds)))
     with tempfile.TemporaryDirectory() as scratch:
-        folder = chosen.output or Path(scratch)
-        for name in chosen.only:
-            start = time.perf_counter()
-            seeds = range(chosen.seed, chosen.seed + (QUICK if chosen.quick else chosen.seeds))
-            section = SECTIONS[name](Options(tuple(seeds), folder, lambda word: print(word, file=sys.stderr)))
-            print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
-            print(markdown(section), flush=True)
-            sections.append(section)
-    if chosen.json is not None:
-        chosen.json.write_text(json.dumps([document(s) for s in sections], indent=1) + "\n", encoding="utf-8")
-    missed = [f"{s.name}: {f.name}" for s in sections for f in s.missed]
-    print("\n".join(["Missed:", *(f"- {m}" for m in missed)]) if missed else "Every bar is met.")
-    return 1 if missed else 0
+        options = Options(seeds, chosen.output or Path(scratch), lambda word: print(word, file=sys.stderr))
+        return tell_sections(chosen.only, lambda name: SECTIONS[name](options), chosen.json)
 
 
 if __name__ == "__main__":

@@ -6,13 +6,11 @@ The exit code is 1 where a bar is missed. Run it on an idle machine: it plays in
 from __future__ import annotations
 
 import argparse
-import json
-import logging
 import sys
-import time
 from pathlib import Path
 
-from ..registration.report import document, markdown
+from ..registration.report import Section
+from ..telling import tell_sections
 from . import memory, realtime
 
 
@@ -27,23 +25,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=names, default=list(names), metavar="SECTION")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
     chosen = parser.parse_args(arguments)
-    logging.disable(logging.WARNING)
     width, height = (int(v) for v in chosen.size.split("x"))
-    sections = []
-    for name in chosen.only:
-        start = time.perf_counter()
+
+    def section(name: str) -> Section:
         if name == "realtime":
-            section = realtime.measure(chosen.output, seconds=chosen.seconds, width_px=width, height_px=height)
-        else:
-            section = memory.measure(chosen.output, frames=chosen.frames, seconds=min(chosen.seconds, 40))
-        print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
-        print(markdown(section), flush=True)
-        sections.append(section)
-    if chosen.json is not None:
-        chosen.json.write_text(json.dumps([document(s) for s in sections], indent=1) + "\n", encoding="utf-8")
-    missed = [f"{s.name}: {f.name}" for s in sections for f in s.missed]
-    print("\n".join(["Missed:", *(f"- {m}" for m in missed)]) if missed else "Every bar is met.")
-    return 1 if missed else 0
+            return realtime.measure(chosen.output, seconds=chosen.seconds, width_px=width, height_px=height)
+        return memory.measure(chosen.output, frames=chosen.frames, seconds=min(chosen.seconds, 40))
+
+    return tell_sections(chosen.only, section, chosen.json)
 
 
 if __name__ == "__main__":

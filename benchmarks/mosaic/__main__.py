@@ -6,16 +6,14 @@ The exit code is 1 where a bar is missed.
 from __future__ import annotations
 
 import argparse
-import json
-import logging
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 
-from ..registration.report import Bar, Figure, Section, document, markdown
+from ..registration.report import Bar, Figure, Section
 from ..registration.score import Interval
+from ..telling import tell_sections
 from . import memory, seams, speed
 
 
@@ -65,22 +63,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
     chosen = parser.parse_args(arguments)
-    logging.disable(logging.WARNING)
-    sections = []
-    for name in chosen.only:
-        start = time.perf_counter()
+
+    def section(name: str) -> Section:
         if name == "seams":
-            section = seam_section(chosen.output, quick=chosen.quick)
-        else:
-            section = (speed if name == "speed" else memory).measure(quick=chosen.quick)
-        print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
-        print(markdown(section), flush=True)
-        sections.append(section)
-    if chosen.json is not None:
-        chosen.json.write_text(json.dumps([document(s) for s in sections], indent=1) + "\n", encoding="utf-8")
-    missed = [f"{s.name}: {f.name}" for s in sections for f in s.missed]
-    print("\n".join(["Missed:", *(f"- {m}" for m in missed)]) if missed else "Every bar is met.")
-    return 1 if missed else 0
+            return seam_section(chosen.output, quick=chosen.quick)
+        return (speed if name == "speed" else memory).measure(quick=chosen.quick)
+
+    return tell_sections(chosen.only, section, chosen.json)
 
 
 if __name__ == "__main__":

@@ -6,19 +6,18 @@ The exit code is 1 where a bar is missed.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 
+from ..telling import LineProgress, tell_sections
 from . import accuracy, covariance, real, speed, success, validity
 from .pairs import CLASSES
 from .pictures import find_sources
 from .plot import write_curve
-from .report import Section, document, markdown
+from .report import Section
 from .running import Options
 from .sheet import write_sheet
 
@@ -61,34 +60,15 @@ def main(arguments: list[str] | None = None) -> int:
     for absent in find_sources(chosen.part).absent:
         print(f"left out: {absent.name}: {absent.reason}", file=sys.stderr)
     count = QUICK if chosen.quick else chosen.pairs
-    sections = []
-    for name in chosen.only:
-        options = Options(count, chosen.seed, chosen.part, chosen.processes, _Progress(name))
-        start = time.perf_counter()
-        section = SECTIONS[name](options)
-        print(f"\r{name}: {time.perf_counter() - start:.0f} s{' ' * 20}", file=sys.stderr)
-        print(markdown(section), flush=True)
-        sections.append(section)
+
+    def section(name: str) -> Section:
+        options = Options(count, chosen.seed, chosen.part, chosen.processes, LineProgress(name))
+        measured = SECTIONS[name](options)
         if chosen.plot is not None and name == "success":
-            write_curve(chosen.plot, section.data["curve"])
-    if chosen.json is not None:
-        chosen.json.write_text(json.dumps([document(s) for s in sections], indent=1) + "\n", encoding="utf-8")
-    missed = [f"{s.name}: {f.name}" for s in sections for f in s.missed]
-    print("\n".join(["Missed:", *(f"- {m}" for m in missed)]) if missed else "Every bar is met.")
-    return 1 if missed else 0
+            write_curve(chosen.plot, measured.data["curve"])
+        return measured
 
-
-class _Progress:
-    """Tells on one line of the error stream how far a section is."""
-
-    def __init__(self, name: str) -> None:
-        self._name, self._told = name, 0.0
-
-    def __call__(self, done: int, total: int) -> None:
-        now = time.monotonic()
-        if now - self._told > 1.0:
-            self._told = now
-            print(f"\r{self._name}: {done}/{total}", end="", file=sys.stderr, flush=True)
+    return tell_sections(chosen.only, section, chosen.json)
 
 
 if __name__ == "__main__":
