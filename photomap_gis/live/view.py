@@ -126,7 +126,7 @@ class LiveView:
             self._canvas = canvas
             self._rasters = self._made()
             self._state = replace(self._state, epoch=epoch, map_frame=canvas.lattice.map_frame)
-        self.still.put_lattice(canvas.lattice)
+        self.still.put_canvas(canvas)
 
     def put_chart(self, chart: Chart, times_s: list[float], pixels: KeptPixels) -> None:
         """Know where key frames lie; a snapshot that the loop does not change any more."""

@@ -9,6 +9,7 @@ import pytest
 from photomap_gis.core.grid import Window
 from photomap_gis.export.encode import TileFormat
 from photomap_gis.live.lattice import TILE_PX
+from photomap_gis.live.still import BRIGHTNESS
 from photomap_gis.live.view import LiveView
 from photomap_gis.server.live_mission import LiveMission
 from photomap_gis.server.live_view import LivePose, LiveSnapped, LiveSolution, LiveTiles, RasterKind
@@ -73,7 +74,7 @@ def test_the_flight_as_the_world_sees_it(fly, flown: Flown) -> None:
     # the stabilised view shows the ground where the map shows it
     key = len(chart) - 1
     number = int(chart.refs[key].frame_number or 0)
-    still = view.still.picture(number, number / 8.0, frame_of(flown, number).picture, chart.placement(key), lattice)
+    still = view.still.picture(number, number / 8.0, frame_of(flown, number).picture, chart.placement(key), canvas)
     assert still is not None
     got = cv2.imdecode(np.frombuffer(still.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE).astype(np.float32)
     grid = still.grid
@@ -82,9 +83,14 @@ def test_the_flight_as_the_world_sees_it(fly, flown: Flown) -> None:
     window = Window(int(x0), int(y0), int(grid.width * scale), int(grid.height * scale))
     ground = cv2.cvtColor(rasters[RasterKind.MAP].read(window)[..., :3], cv2.COLOR_RGB2GRAY).astype(np.float32)
     ground = cv2.resize(ground, (grid.width, grid.height), interpolation=cv2.INTER_AREA)
-    both = (got > 40) & (ground > 0)
-    assert both.mean() > 0.2
-    assert np.corrcoef(got[both], ground[both])[0, 1] > 0.8
+    outline = grid.to_px(lattice.frame.to_crs(chart.placement(key).outline_xy_map_m()))
+    frame = cv2.fillPoly(np.zeros(got.shape, np.uint8), [np.round(outline).astype(np.int32)], 1)
+    inside, around = (cv2.erode(part, np.ones((5, 5), np.uint8)) * (ground > 0) > 0 for part in (frame, 1 - frame))
+    assert inside.mean() > 0.2 and around.mean() > 0.05
+    assert np.corrcoef(got[inside], ground[inside])[0, 1] > 0.8
+    # around it lies the map, dimmed
+    assert np.corrcoef(got[around], ground[around])[0, 1] > 0.9
+    assert np.median(got[around] / np.maximum(ground[around], 1.0)) == pytest.approx(BRIGHTNESS, abs=0.05)
 
 
 def test_events_come_in_an_order_that_can_be_followed(fly, flown: Flown, monkeypatch: pytest.MonkeyPatch) -> None:
