@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -132,7 +132,12 @@ def make_map(photos: Path, mission: Path) -> tuple[Mapping[str, object], Cost]:
     """Run ``photomap map`` in its own process; return its JSON summary and what it took."""
     shutil.rmtree(mission, ignore_errors=True)
     program = "import sys; from photomap_gis.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", program, "map", str(photos), "-o", str(mission), "--json", "--quiet"]
+    out, cost = run([sys.executable, "-c", program, "map", str(photos), "-o", str(mission), "--json", "--quiet"])
+    return json.loads(out), cost
+
+
+def run(command: Sequence[str]) -> tuple[bytes, Cost]:
+    """Run a program; return what it printed and what it took with its children. ``RuntimeError`` where it fails."""
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         process = subprocess.Popen(command, stdout=out, stderr=err)
         peak_mb, status = 0.0, None
@@ -145,10 +150,9 @@ def make_map(photos: Path, mission: Path) -> tuple[Mapping[str, object], Cost]:
         out.seek(0)
         err.seek(0)
         if process.returncode != 0:
-            raise RuntimeError(
-                f"photomap map failed ({process.returncode}): {err.read().decode(errors='replace')[-800:]}"
-            )
-        return json.loads(out.read()), Cost(usage.ru_utime + usage.ru_stime, peak_mb)
+            said = err.read().decode(errors="replace")[-800:]
+            raise RuntimeError(f"{Path(command[0]).name} failed ({process.returncode}): {said}")
+        return out.read(), Cost(usage.ru_utime + usage.ru_stime, peak_mb)
 
 
 def _peak_rss_mb(pid: int) -> float:
