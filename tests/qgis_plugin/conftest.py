@@ -19,7 +19,6 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -139,31 +138,26 @@ def _run(path: Path, names: list[str], folder: Path) -> dict:
     program = folder / "photomap"
     program.write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m photomap_gis.cli "$@"\n')
     program.chmod(0o755)
-    report = folder / "report.xml"
+    report = folder / "report.jsonl"
     command = [
         str(SYSTEM_PYTHON), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "qgis_fixtures",
         "-c", str(INSIDE / "qgis.ini"),
         "--rootdir", str(INSIDE), "--confcutdir", str(INSIDE), "--import-mode=importlib",
-        f"--basetemp={folder / 'tmp'}", f"--junitxml={report}", *(f"{path}::{name}" for name in names),
+        f"--basetemp={folder / 'tmp'}", *(f"{path}::{name}" for name in names),
     ]  # fmt: skip
     try:
         ran = subprocess.run(
-            command, cwd=folder, env=_environment(folder), capture_output=True, timeout=TIMEOUT_S, check=False
-        )
+            command, cwd=folder, env=_environment(folder) | {"PHOTOMAP_TEST_REPORT": str(report)},
+            capture_output=True, timeout=TIMEOUT_S, check=False,
+        )  # fmt: skip
         code, output = ran.returncode, (ran.stdout + ran.stderr).decode("utf-8", "replace")[-20_000:]
     except subprocess.TimeoutExpired as error:
         code, output = -1, f"not done after {TIMEOUT_S} s\n{(error.stdout or b'').decode('utf-8', 'replace')[-20_000:]}"
     cases: dict[str, list[dict[str, str]]] = {}
-    if report.is_file():
-        for case in ElementTree.parse(report).iter("testcase"):
-            cases.setdefault(case.get("name", "").partition("[")[0], []).append(_case(case))
+    for line in report.read_text(encoding="utf-8").splitlines() if report.is_file() else ():
+        case = json.loads(line)
+        cases.setdefault(case["name"].partition("[")[0], []).append(case)
+    if code < 0 and all(name in cases for name in names):
+        # QGIS 3.22 now and then falls over its own feet in exitQgis, when every check has been made and told.
+        print(f"{path.name}: QGIS ended by signal {-code} after its last check", file=sys.stderr)
     return {"exit_code": code, "output": output, "cases": cases, "again": " ".join(command)}
-
-
-def _case(case: ElementTree.Element) -> dict[str, str]:
-    for part in case:
-        if part.tag in ("failure", "error"):
-            return {"outcome": "failed", "text": f"{case.get('name')}\n{part.text or part.get('message') or ''}"}
-        if part.tag == "skipped":
-            return {"outcome": "skipped", "text": part.get("message") or "skipped in QGIS"}
-    return {"outcome": "passed", "text": ""}

@@ -19,6 +19,17 @@ from qgis.PyQt.QtCore import QCoreApplication, QEventLoop
 pytest_plugins = ["window"]
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Tell what became of a check as soon as it is known: whatever becomes of QGIS afterwards, it has been made."""
+    path = os.environ.get("PHOTOMAP_TEST_REPORT")
+    if path is None or (report.when != "call" and report.outcome == "passed"):
+        return
+    text = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longreprtext
+    case = {"name": report.nodeid.rpartition("::")[2], "outcome": report.outcome, "text": text}
+    with Path(path).open("a", encoding="utf-8") as told:
+        told.write(json.dumps(case) + "\n")
+
+
 @pytest.fixture(scope="session")
 def program() -> str:
     """The ``photomap`` command of this checkout: what a user would put into the settings."""
