@@ -23,14 +23,18 @@ REACH = 40
 CONTRADICTED_SIGMA = 4.5
 SAMPLES_WORTH = 12.0
 BLUNDER_SIGMA = 10.0
-SAMPLES = 100
+SAMPLES = 60
 
 
-def contradicted_bridges(relative: RelativePoses, edges: EdgeTerms, positions: PositionTerms) -> IntArray:
+def contradicted_bridges(
+    relative: RelativePoses, edges: EdgeTerms, positions: PositionTerms, judged: dict[bytes, float] | None = None
+) -> IntArray:
     """Return the rows of bridges that the fixes on their two sides speak against, the worst one of each component.
 
-    A false bridge throws doubt on good ones near it: judge those again once it is gone.
+    A false bridge throws doubt on good ones near it: judge those again once it is gone. ``judged`` keeps what was found
+    of two sides from one time to the next; a bridge whose sides are the same frames as before hangs as it did.
     """
+    judged = {} if judged is None else judged
     if len(positions) < 3:
         return np.zeros(0, np.intp)
     trusted = np.flatnonzero(relative.edge_weights > REJECTED_BELOW)
@@ -44,7 +48,10 @@ def contradicted_bridges(relative: RelativePoses, edges: EdgeTerms, positions: P
     for k in bridges(neighbours):
         a, b = int(edges.a[k]), int(edges.b[k])
         sides = [np.array([fixes[n] for n in _near(neighbours, start, k, fixes)], np.intp) for start in (a, b)]
-        doubt = _doubt(relative.t, positions, *sides)
+        both = b"|".join(side.tobytes() for side in sides)
+        if both not in judged:
+            judged[both] = _doubt(relative.t, positions, *sides)
+        doubt = judged[both]
         component = int(relative.labels[a])
         if doubt > max(CONTRADICTED_SIGMA, worst.get(component, (0.0, 0))[0]):
             worst[component] = (doubt, k)

@@ -130,10 +130,11 @@ def _laid_out(
 ) -> tuple[npt.NDArray[np.bool_], RelativePoses]:
     """Return which edges are left after the fixes have spoken against false bridges, and the poses by those."""
     kept = kept.copy()
+    judged: dict[bytes, float] = {}
     while True:
         active = np.flatnonzero(kept)
         relative = relative_poses(n_nodes, _rows(edges, active))
-        against = contradicted_bridges(relative, _rows(edges, active), positions)
+        against = contradicted_bridges(relative, _rows(edges, active), positions, judged)
         if not len(against):
             break
         logger.info("%d registrations on which a part of the map hangs contradict the GPS", len(against))
