@@ -176,6 +176,7 @@ def _flown(
             frame = next((f for f in frames if f.index >= number), None)
             if frame is None or frame.index != number:
                 raise DataError(f"the recording has no frame {number}: is it whole, and the same?")
+            frame = as_taken(frame, line)
             step, commands = loop.take(frame, locator.place(frame))
             do(commands)
             difference = _difference(line.get("pose"), pose_numbers(step))
@@ -191,6 +192,11 @@ def _flown(
     log.close()
     render_log.close()
     return ReplayResult(done, poses, largest, first, solutions, equal, len(loop.chart))
+
+
+def as_taken(frame: LiveFrame, line: Mapping[str, Any]) -> LiveFrame:
+    """Return a frame with the stream time of its journal line: photos of a folder go on, after a gap, as they came."""
+    return replace(frame, ref=replace(frame.ref, pts_s=float(line["s"])))
 
 
 def _difference(then: list[float] | None, now: list[float] | None) -> float:
