@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import logging
 import sys
 import tempfile
 import time
@@ -90,7 +89,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--width", type=int, default=1600)
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args(arguments)
-    logging.disable(logging.WARNING)
     case = Case("procedural", chosen.attitude, chosen.seed, chosen.frames, chosen.width)
     chosen.output.mkdir(parents=True, exist_ok=True)
     flight = simulate(case, chosen.output / case.name)

@@ -13,15 +13,22 @@ from .registration.report import Section, document, markdown
 
 
 def tell_sections(names: Iterable[str], measure: Callable[[str], Section], figures_file: Path | None) -> int:
-    """Measure the named sections and print each as it comes; return the exit code: 1 where a bar is missed."""
-    logging.disable(logging.WARNING)
+    """Measure the named sections and print each as it comes; return the exit code: 1 where a bar is missed.
+
+    Warnings of what is measured are not shown meanwhile.
+    """
     sections = []
-    for name in names:
-        start = time.perf_counter()
-        section = measure(name)
-        print(f"\r{name}: {time.perf_counter() - start:.0f} s{' ' * 20}", file=sys.stderr)
-        print(markdown(section), flush=True)
-        sections.append(section)
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        for name in names:
+            start = time.perf_counter()
+            section = measure(name)
+            print(f"\r{name}: {time.perf_counter() - start:.0f} s{' ' * 20}", file=sys.stderr)
+            print(markdown(section), flush=True)
+            sections.append(section)
+    finally:
+        logging.disable(before)
     if figures_file is not None:
         figures_file.write_text(json.dumps([document(s) for s in sections], indent=1) + "\n", encoding="utf-8")
     missed = [f"{s.name}: {f.name}" for s in sections for f in s.missed]
