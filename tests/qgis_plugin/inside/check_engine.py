@@ -97,6 +97,7 @@ def test_an_engine_that_is_killed_in_mid_job_is_told_and_started_anew(engine, tm
     wait_until(lambda: "ended" in heard.names(), "the job's end")
     assert job.state == "failed"
     assert "Try again" in heard.said("failed")[0][0]
+    wait_until(lambda: gone, "the word of its end")  # the job's stream breaks off first, or the process is seen to end
     assert len(gone) == 1
     answers = []
     engine.ask(lambda client: client.about(), answers.append)
