@@ -64,7 +64,7 @@ def fill_nodes(
             out[i, j, AT_Y] = y if math.isfinite(y) else _NOWHERE_PX
 
 
-@compiled("UniTuple(i8, 4)(u1[:,:,::1], f8, f8, u1[::1])")
+@compiled("UniTuple(i8, 4)(Array(u1, 3, 'C', True), f8, f8, u1[::1])")
 def _copied(image: Bytes, x: float, y: float, patch: Bytes) -> tuple[Any, Any, Any, Any]:
     """Copy what the taps of a place read into ``patch``, the picture's edge repeated; return the ``tap`` of it."""
     height, width = image.shape[:2]
@@ -79,7 +79,7 @@ def _copied(image: Bytes, x: float, y: float, patch: Bytes) -> tuple[Any, Any, A
     return 0, PATCH_STRIDE, q & _FRACTION, p & _FRACTION
 
 
-@compiled("void(u1[:,:,::1], f4[:,:,::1], i4[::1], i4[::1], i8, i2[:,::1], i8, i8, u1[:,:,::1], f4[::1])")
+@compiled("void(Array(u1, 3, 'C', True), f4[:,:,::1], i4[::1], i4[::1], i8, i2[:,::1], i8, i8, u1[:,:,::1], f4[::1])")
 def draw(
     image: Bytes,
     nodes: Floats,

@@ -59,7 +59,7 @@ def exposed(view: View, sight: FloatImage, exposure: Exposure) -> FloatImage:
 def levels_of(low: LowBand, sight: FloatImage, factor: FloatImage) -> FloatImage:
     """Return a frame's low frequencies times its factor, ``(rows, columns, 3)`` at the nodes."""
     levels = np.empty_like(factor)
-    _sample(low.thumbnail, sight, low.width_px, low.height_px, factor, levels)
+    _sample(np.ascontiguousarray(low.thumbnail), sight, low.width_px, low.height_px, factor, levels)
     return levels
 
 
@@ -113,7 +113,7 @@ def _weigh(sights: FloatImage, fills: npt.NDArray[np.bool_], tapers_px: FloatIma
                     out[k, i, j] *= (filling if f else registered) / (total[f] * both)
 
 
-@compiled("void(f4[:,:,::1], i8, i8, f8, f8, f8, f8[::1], f4[:,:,::1])")
+@compiled("void(f4[:,:,::1], i8, i8, f8, f8, f8, Array(f8, 1, 'C', True), f4[:,:,::1])")
 def _expose(
     sight: FloatImage,
     width: int,
@@ -134,7 +134,7 @@ def _expose(
                 factor[i, j, k] = gain[k] * (1.0 if np.isnan(x + y) else lens)
 
 
-@compiled("void(u2[:,:,::1], f4[:,:,::1], i8, i8, f4[:,:,::1], f4[:,:,::1])")
+@compiled("void(Array(u2, 3, 'C', True), f4[:,:,::1], i8, i8, f4[:,:,::1], f4[:,:,::1])")
 def _sample(
     thumbnail: npt.NDArray[np.uint16], sight: FloatImage, width: int, height: int, factor: FloatImage, out: FloatImage
 ) -> None:

@@ -38,7 +38,8 @@ def looks_of(
 
 
 @compiled(
-    "void(u1[:,:,::1], f4[:,:,::1], i8, i8, f8, f8, f8, f8, i8, i2[:,:,::1], b1[:,::1], f4[:,:,::1], f4[:,:,::1])"
+    "void(Array(u1, 3, 'C', True), f4[:,:,::1], i8, i8, f8, f8, f8, f8, i8, i2[:,:,::1], b1[:,::1], f4[:,:,::1], "
+    "f4[:,:,::1])"
 )
 def _look(
     outlook: npt.NDArray[np.uint8],

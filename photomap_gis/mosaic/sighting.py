@@ -45,7 +45,7 @@ def ranked_costs(views: Sequence[View], sights: FloatImage) -> FloatImage:
     return costs
 
 
-@compiled("void(f8[:,::1], i8, i8, f8, f8, f8, f8, f8, f4[:,::1])")
+@compiled("void(Array(f8, 2, 'C', True), i8, i8, f8, f8, f8, f8, f8, f4[:,::1])")
 def _see(
     xy_px: FloatArray,
     width: int,

@@ -53,6 +53,7 @@ def scene(rng, sides, *, grey=False, scale=1.0, turn=0.4, at=(30.0, 25.0)):
     gx, gy = np.meshgrid(np.arange(COLUMNS) * STEP_PX, np.arange(ROWS) * STEP_PX)
     for k, (w, h) in enumerate(sides):
         images.append(rng.integers(0, 256, (h, w, 3)[: 2 if grey else 3], dtype=np.uint8))
+        images[-1].setflags(write=False)  # as decoders hand them out
         c, s = math.cos(turn + k), math.sin(turn + k)
         x, y = gx - 36.0, gy - 32.0
         sights[k, 0] = at[0] + c * x - s * y + 0.004 * x * y
