@@ -20,6 +20,8 @@ Spectrum64 = npt.NDArray[np.complex64]
 Mask8 = npt.NDArray[np.uint8]
 Picture = TypeVar("Picture", Image32, Mask8)
 
+FAR, UNSEEN = 1e4, 30.0
+"""What a picture holds where nothing can be seen, and the least that is a mixture with it: no picture comes near."""
 LARGEST_PACKED = 320
 """Wider pictures go through SciPy: unpacking OpenCV's layout costs them more than its transform saves."""
 

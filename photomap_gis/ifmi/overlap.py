@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.spectrum import FAR, Floor
+from photomap_gis.ifmi.kernels import FAR, UNSEEN
+from photomap_gis.ifmi.spectrum import Floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ def agreement_under(a: Floor, b: Floor, H_a_b: FloatArray) -> Agreement:
         b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
     ).ravel()
     seen = a.seen.ravel()
-    inside = (warped < np.float32(30.0)) & (seen < np.float32(30.0))
+    inside = (warped < np.float32(UNSEEN)) & (seen < np.float32(UNSEEN))
     n = int(np.count_nonzero(inside))
     growth = abs(float(np.linalg.det(H[:2, :2]))) / H[2, 2] ** 2
     overlap = n / max(min(float(a.values.size), b.values.size * growth), 1.0)

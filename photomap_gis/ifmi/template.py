@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from photomap_gis.ifmi.descent import write_derivative
 from photomap_gis.ifmi.kernels import Image32, Mask8
 
 Pixels = npt.NDArray[np.intp]
@@ -50,12 +51,6 @@ class Template:
     def gy(self) -> Image32:
         """``(BLOCKS, n)`` slopes by qy."""
         return self.A[2]
-
-    def of_blocks(self, blocks: npt.NDArray[np.intp]) -> Template:
-        """Return the template of some blocks only."""
-        if len(blocks) == BLOCKS:
-            return self
-        return Template(self.Q[:, blocks], self.A[:, blocks], self.usable[blocks])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +134,8 @@ def make_template(
         usable = cv2.erode(mask, np.ones((5, 5), np.uint8), borderValue=255).take(flat) > 0
         gx *= usable
         gy *= usable
-    write_derivative(A[1:], Q, gx, gy)
+    A[1], A[2] = gx, gy
+    write_derivative(Q.reshape(3, -1), A[1:].reshape(8, -1))
     return Template(Q, A, (gx != 0) | (gy != 0))
 
 
@@ -159,17 +155,3 @@ def _field_coordinates(shape: tuple[int, int], factor: int, size_px: tuple[int, 
     flat: Image32 = table.reshape(2, -1).astype(np.float32)
     flat.setflags(write=False)
     return flat
-
-
-def write_derivative(J: Image32, Q: Image32, gx: Image32, gy: Image32) -> None:
-    """Fill ``(8, ...)`` J: the derivative by the field's parameters of values with slopes ``gx``, ``gy`` at ``Q``."""
-    qx, qy = Q[0], Q[1]
-    J[0], J[1] = gx, gy
-    xx, yx, xy, yy = gx * qx, gy * qx, gx * qy, gy * qy
-    radial = xx + yy
-    np.subtract(yx, xy, out=J[2])
-    J[3] = radial
-    np.subtract(xx, yy, out=J[4])
-    np.add(xy, yx, out=J[5])
-    np.multiply(radial, qx, out=J[6])
-    np.multiply(radial, qy, out=J[7])

@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.field import project
-from photomap_gis.ifmi.kernels import Image32, forward_fft_stack, inverse_fft_stack
+from photomap_gis.ifmi.kernels import FAR, UNSEEN, Image32, forward_fft_stack, inverse_fft_stack
 from photomap_gis.ifmi.pomf import gaussian_low_pass, whiten
-from photomap_gis.ifmi.spectrum import FAR, Floor
+from photomap_gis.ifmi.spectrum import Floor
 
 LOW_PASS = 0.16
 STRIDE = 0.5
@@ -60,7 +60,7 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray, *, narrow: bool = False) 
     warped = cv2.warpPerspective(
         b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
     )
-    inside = warped < np.float32(30.0)
+    inside = warped < np.float32(UNSEEN)
     if a.mask is not None:
         inside &= a.mask > 0
     side = SMALLEST_SIDE if narrow else tile_side(a.shape)
