@@ -71,23 +71,27 @@ class Similarity2D:
     @property
     def matrix(self) -> FloatArray:
         """``(3, 3)`` homogeneous matrix ``[sR t; 0 1]``."""
-        m = np.eye(3)
-        m[:2, :2] = self.linear
-        m[0, 2], m[1, 2] = self.tx, self.ty
-        return m
+        c, s = math.cos(self.angle_rad) * self.scale, math.sin(self.angle_rad) * self.scale
+        return np.array([[c, -s, self.tx], [s, c, self.ty], [0.0, 0.0, 1.0]])
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Map ``(..., 2)`` points (x, y) of b into a."""
         p = np.asarray(points, dtype=np.float64)
         c, s = math.cos(self.angle_rad) * self.scale, math.sin(self.angle_rad) * self.scale
         x, y = p[..., 0], p[..., 1]
-        return np.stack([c * x - s * y + self.tx, s * x + c * y + self.ty], axis=-1)
+        moved = np.empty(p.shape)
+        moved[..., 0] = c * x - s * y + self.tx
+        moved[..., 1] = s * x + c * y + self.ty
+        return moved
 
     def __matmul__(self, other: Similarity2D) -> Similarity2D:
         """``T_a_c = T_a_b @ T_b_c`` (the paper's composition)."""
-        t = self.apply((other.tx, other.ty))
+        c, s = math.cos(self.angle_rad) * self.scale, math.sin(self.angle_rad) * self.scale
         return Similarity2D(
-            float(t[0]), float(t[1]), wrap_angle(self.angle_rad + other.angle_rad), self.log_scale + other.log_scale
+            c * other.tx - s * other.ty + self.tx,
+            s * other.tx + c * other.ty + self.ty,
+            wrap_angle(self.angle_rad + other.angle_rad),
+            self.log_scale + other.log_scale,
         )
 
     def inverse(self) -> Similarity2D:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, inverse_fft
+from photomap_gis.ifmi.passes import powers
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.window import apodisation
 
@@ -30,7 +31,9 @@ class Period:
 
 def find_periods(F: Spectrum64, shape: tuple[int, int]) -> tuple[Period, ...]:
     """Return the shifts by which a picture of a ``shape`` (h, w), whose half spectrum is ``F``, looks like itself."""
-    own = inverse_fft((F * F.conj()).astype(np.complex64))
+    power = np.empty_like(F)
+    powers(F, power)
+    own = inverse_fft(power)
     if not own[0, 0] > 0.0:
         return ()
     h, w = own.shape
