@@ -6,6 +6,7 @@ fits the whole overlap evenly, its covariance, and one of the witnesses of wheth
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,6 +109,8 @@ def _on_floor(
 
 
 def _root(matrix: FloatArray) -> FloatArray:
-    """Return the square root of a symmetric ``(2, 2)`` matrix."""
-    values, axes = np.linalg.eigh(matrix)
-    return np.asarray((axes * np.sqrt(np.maximum(values, 1e-6))) @ axes.T, np.float64)
+    """Return the square root of a symmetric ``(2, 2)`` matrix (Cayley and Hamilton)."""
+    xx, xy, yy = float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1])
+    root = math.sqrt(max(xx * yy - xy * xy, 1e-12))
+    unit = 1.0 / math.sqrt(max(xx + yy + 2.0 * root, 1e-6))
+    return np.array([[unit * (xx + root), unit * xy], [unit * xy, unit * (yy + root)]])

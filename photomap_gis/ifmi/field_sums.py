@@ -245,3 +245,18 @@ def fit_similarity(
             own[i, j], share[i, j] = N[i, j], N[i, 4 + j]
     solve(own, share)
     return left2
+
+
+@compiled("f8[:, ::1](f8[:, ::1])")
+def inverse(H: FloatArray) -> FloatArray:
+    """Return the inverse of a ``(3, 3)`` homography."""
+    G = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            p, q, r, s = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            G[i, j] = H[p, r] * H[q, s] - H[p, s] * H[q, r]
+    one = 1.0 / (H[0, 0] * G[0, 0] + H[0, 1] * G[1, 0] + H[0, 2] * G[2, 0])
+    for i in range(3):
+        for j in range(3):
+            G[i, j] *= one
+    return G

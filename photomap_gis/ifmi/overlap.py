@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.ifmi.field_sums import inverse
 from photomap_gis.ifmi.passes import compare
 from photomap_gis.ifmi.spectrum import Floor
 
@@ -34,11 +35,11 @@ def agreement(a: Floor, b: Floor, T_a_b: Similarity2D) -> Agreement:
 
 def agreement_under(a: Floor, b: Floor, H_a_b: FloatArray) -> Agreement:
     """Return how floors a and b of equal factor agree under a ``(3, 3)`` homography of the frames' own pixels."""
-    H = np.array(H_a_b, np.float64)  # in the floor's pixels
+    H = np.array(H_a_b, np.float64, order="C")  # in the floor's pixels
     H[:2, 2] /= a.factor
     H[2, :2] *= a.factor
     sums = np.empty(5)
-    n = compare(a.seen, b.seen, np.asarray(np.linalg.inv(H), np.float64), sums)
+    n = compare(a.seen, b.seen, inverse(H), sums)
     growth = abs(float(H[0, 0] * H[1, 1] - H[0, 1] * H[1, 0])) / H[2, 2] ** 2
     overlap = n / max(min(float(a.values.size), b.values.size * growth), 1.0)
     if n < FEWEST_PIXELS:

@@ -50,6 +50,19 @@ def powers(F: Spectrum64, out: Spectrum64) -> None:
             out[r, c] = complex(x * x + y * y, np.float32(0.0))
 
 
+@compiled("b1(f4[:, ::1], f4[:, ::1], b1[:, ::1], f8)")
+def reaches(values: Image32, weight: Image32, allowed: npt.NDArray[np.bool_], least: float) -> bool:
+    """Return whether a weighted value reaches ``least`` where it is allowed to."""
+    limit = np.float32(least)
+    for r in range(values.shape[0]):
+        count = 0
+        for c in range(values.shape[1]):
+            count += allowed[r, c] and values[r, c] * weight[r, c] >= limit
+        if count > 0:
+            return True
+    return False
+
+
 @compiled("i8(f4[:, ::1], f4[:, ::1], f8[:, ::1], f8[::1])")
 def compare(a: Image32, b: Image32, H_b_a: FloatArray, sums: FloatArray) -> int:
     """Compare a with b where a homography takes its pixels; return how many can be seen in both.

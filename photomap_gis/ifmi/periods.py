@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, inverse_fft
-from photomap_gis.ifmi.passes import powers
+from photomap_gis.ifmi.passes import powers, reaches
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.window import apodisation
 
@@ -38,10 +38,10 @@ def find_periods(F: Spectrum64, shape: tuple[int, int]) -> tuple[Period, ...]:
         return ()
     h, w = own.shape
     lost, allowed = _lost_by_window(shape, (h, w))
+    if not reaches(own, lost, allowed, LEAST_LIKENESS * float(own[0, 0])):
+        return ()
     likeness = own * (lost / own[0, 0])
     candidates = (likeness >= np.float32(LEAST_LIKENESS)) & allowed
-    if not candidates.any():
-        return ()
     # The hill about zero shift is no period: only what rises again counts.
     candidates &= likeness >= cv2.dilate(likeness, np.ones((3, 3), np.uint8))
     found = []

@@ -34,16 +34,17 @@ def choose(values: Image32, mask: Mask8, cell: int, top: int, left: int, flat: P
         best[:] = -1
         for k in range(cell):
             r = top + i * cell + k
-            above = values[r - 1 if r > 0 else 1]  # at the border there is no slope across it
-            below = values[r + 1 if r < h - 1 else h - 2]
-            here, first = values[r], max(1, left)
-            for c in range(first - left, min(wide, w - 1 - left)):
-                gx, gy = here[left + c + 1] - here[left + c - 1], below[left + c] - above[left + c]
-                slope2[c] = gx * gx + gy * gy
-            if left == 0:
-                slope2[0] = (below[0] - above[0]) ** 2
-            if left + wide == w:
-                slope2[wide - 1] = (below[w - 1] - above[w - 1]) ** 2
+            above = values[r - 1 if r > 0 else 1, left : left + wide]  # at the border there is no slope across it
+            below = values[r + 1 if r < h - 1 else h - 2, left : left + wide]
+            first, last = max(1 - left, 0), min(wide, w - 1 - left)
+            west, east = values[r, left + first - 1 : left + last - 1], values[r, left + first + 1 : left + last + 1]
+            for c in range(wide):
+                gy = below[c] - above[c]
+                slope2[c] = gy * gy
+            inner = slope2[first:last]
+            for c in range(len(inner)):
+                gx = east[c] - west[c]
+                inner[c] += gx * gx
             if mask.size > 0:
                 for c in range(wide):
                     if mask[r, left + c] == 0:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.field import project
+from photomap_gis.ifmi.field_sums import inverse
 from photomap_gis.ifmi.kernels import FAR, Image32, forward_fft_stack, inverse_fft_stack
 from photomap_gis.ifmi.passes import count_common, cut, phase_difference, read_sum
 from photomap_gis.ifmi.pomf import gaussian_low_pass
@@ -54,7 +55,7 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray, *, narrow: bool = False) 
     ``narrow`` takes the smallest tiles there are: for overlaps into which no others fit.
     """
     f = a.factor
-    H = np.array(H_a_b, np.float64)  # in the floor's pixels
+    H = np.array(H_a_b, np.float64, order="C")  # in the floor's pixels
     H[:2, 2] /= f
     H[2, :2] *= f
     h, w = a.shape
@@ -90,7 +91,7 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray, *, narrow: bool = False) 
     height, highest_far, scatter_far = read_sum(pulses, NEAR_PX, 2.5 * NEAR_PX)
     centre_a = np.empty((k, 2))
     centre_a[:, 0], centre_a[:, 1] = x + (side - 1) / 2.0, y + (side - 1) / 2.0
-    centre_b = project(np.asarray(np.linalg.inv(H), np.float64), centre_a)
+    centre_b = project(inverse(H), centre_a)
     return TilePulses(
         centre=centre_b * f,
         shift=shift * f,
