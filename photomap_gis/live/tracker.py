@@ -49,7 +49,6 @@ FOREIGN_SIGMA = 0.4
 """How far, as a share of the frame, a new segment may lie off where it is believed, at first."""
 RECENT = 48
 """Spectra of the newest key frames that are kept in memory."""
-BELIEVED_DOUBT = 0.5
 FROZEN_AFTER_S = 0.5
 """A picture that repeats itself for so long is a link that froze; before that the video only stutters."""
 MOST_SPOILT = 5
@@ -143,7 +142,7 @@ class Tracker:
                 promoted = self._promote(self._last)
                 found = again
         if not found.accepted:
-            return self._lost(seen, verdict, gap)
+            return self._lost(seen, found, verdict, gap)
         self._accept_look(seen)
         return self._track(seen, found, promoted, verdict)
 
@@ -271,9 +270,14 @@ class Tracker:
             self._candidates = self._nearest(belief, seen, FEW) + self._candidates[-MANY:]
         return NewKey(ref, seen.grey, belief, segment, seen.time_s, tie)
 
-    def _lost(self, seen: _Seen, verdict: FrameVerdict, gap: bool) -> Step:
+    def _lost(self, seen: _Seen, found: Registration, verdict: FrameVerdict, gap: bool) -> Step:
         """Wait a little, then begin a new segment; a frame that looks faulty by itself begins none."""
-        if verdict.doubt > BELIEVED_DOUBT:
+        before = None if self._look is None else self._look[0]
+        if (
+            before is not None
+            and is_video(seen.ref)
+            and not judge_registered(seen.look, before, found, doubt=verdict.doubt).ok
+        ):
             return self._waits(seen.ref, seen.view, FrameState.ERROR, "fits nowhere and looks damaged")
         if self._since_s is None:
             self._since_s = seen.time_s if not gap else seen.time_s - self._options.lost_after_s

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from photomap_gis.ifmi.working import shrink
 
 Grey = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
 FAULTY_SHARE = 0.03
 NEAR = 0.008
 """Displacement that is no damage, as a share of the width."""

@@ -14,9 +14,11 @@ from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.frames.blur import LIKELY, blur_score
+from photomap_gis.ifmi.frames.doubt import doubt_of
 from photomap_gis.ifmi.frames.fit import Fit, Mask8, fit
 from photomap_gis.ifmi.frames.look import FrameLook, look_at
 from photomap_gis.ifmi.frames.misfit import understand
+from photomap_gis.ifmi.frames.rows import row_motion
 from photomap_gis.ifmi.frames.traits import cut_ratio
 from photomap_gis.ifmi.frames.verdict import GOOD, Fault, FrameVerdict, rejected
 
@@ -30,6 +32,8 @@ MOST_LOST = 0.45
 BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
+MOST_STRETCHED = 1.4
+"""From one frame to the next no camera leans so much; rows that lie each 0.35 px further do."""
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
@@ -58,8 +62,10 @@ def judge_registered(
     if look.shape != before.shape:
         return GOOD
     if not registration.accepted:
-        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+        return _unregistered(look, before, doubt)
     H = registration.T_a_b.matrix if registration.H_a_b is None else registration.H_a_b
+    if _stretch(H) > MOST_STRETCHED:
+        return rejected(Fault.TORN, ": its rows are displaced")
     found = fit(look, before, np.asarray(H, np.float64))
     if found.overlap < LEAST_OVERLAP:
         return GOOD
@@ -79,6 +85,22 @@ def judge_registered(
         fault = fault or Fault.BLOCKS
         return FrameVerdict(False, f"{fault.words}: {misfit.share:.0%} lost", fault, None, misfit.share)
     return FrameVerdict(True, words, fault, _usable(misfit.lost, look.shape), misfit.share)
+
+
+def _unregistered(look: FrameLook, before: FrameLook, doubt: float) -> FrameVerdict:
+    """Return the verdict on a frame that fits nowhere as a whole: perhaps its rows do."""
+    rows = row_motion(look, before)
+    if rows.is_torn:
+        return rejected(Fault.TORN, ": its rows are displaced")
+    if rows.known_share == 0.0:  # no sign of ground in common: what is new about the frame may be the place
+        doubt = min(doubt, doubt_of(look.traits, before.traits).of_strangers)
+    return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+
+
+def _stretch(H_a_b: FloatArray) -> float:
+    """Return how many times longer a motion draws the frame in one direction than across it."""
+    long, short = np.linalg.svd(np.asarray(H_a_b)[:2, :2], compute_uv=False)
+    return float(long / max(short, 1e-9))
 
 
 def _usable(lost: Mask8, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
