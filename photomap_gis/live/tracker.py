@@ -70,6 +70,7 @@ class _Seen:
     look: FrameLook
     spectrum: Spectrum
     time_s: float
+    is_suspect: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,8 +117,11 @@ class Tracker:
             if self._segment == 0:
                 self._joined, self._candidates = True, []
 
-    def take(self, ref: FrameRef, grey: ImageArray, stream_time_s: float) -> Step:
-        """Return what becomes of the next frame; ``ref`` gets its number as a key frame here."""
+    def take(self, ref: FrameRef, grey: ImageArray, stream_time_s: float, *, is_suspect: bool = False) -> Step:
+        """Return what becomes of the next frame; ``ref`` gets its number as a key frame here.
+
+        ``is_suspect`` tells that the decoder lost data since the last key frame of its own.
+        """
         view = plane_view(ref)
         small, T_px_small = shrink(grey, self._size_px)
         look = look_at(small)
@@ -130,7 +134,7 @@ class Tracker:
             if self._rejected >= LONGEST_STREAK:
                 self._look, self._rejected = None, 0
             return self._waits(ref, view, FrameState.ERROR, verdict.reason)
-        seen = _Seen(ref, view, grey, T_px_small, look, make_spectrum(small), stream_time_s)
+        seen = _Seen(ref, view, grey, T_px_small, look, make_spectrum(small), stream_time_s, is_suspect)
         if self._key is None or self._last is None:
             self._accept_look(seen)
             return self._begin(seen)
@@ -193,7 +197,7 @@ class Tracker:
 
     def _is_spoilt(self, a: _Seen, b: _Seen, found: Registration, verdict: FrameVerdict) -> bool:
         """Whether a frame that is to be pasted shows what it cannot have seen."""
-        told = judge_registered(b.look, a.look, found, doubt=verdict.doubt)
+        told = judge_registered(b.look, a.look, found, doubt=verdict.doubt, suspect=b.is_suspect)
         return (not told.ok or told.fault is not None) and (
             is_video(b.ref) or (not told.ok and told.fault in SPOILT_PHOTO)
         )
@@ -276,7 +280,7 @@ class Tracker:
         if (
             before is not None
             and is_video(seen.ref)
-            and not judge_registered(seen.look, before, found, doubt=verdict.doubt).ok
+            and not judge_registered(seen.look, before, found, doubt=verdict.doubt, suspect=seen.is_suspect).ok
         ):
             return self._waits(seen.ref, seen.view, FrameState.ERROR, "fits nowhere and looks damaged")
         if self._since_s is None:

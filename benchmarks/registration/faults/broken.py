@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
-from functools import cache
 
 import cv2
 import numpy as np
@@ -15,21 +14,19 @@ from benchmarks.registration.faults.cases import (
     FAULTY_SHARE,
     Case,
     Grey,
-    Mask,
     moved_px,
     seen_before,
     strong_difference,
     working,
 )
 from benchmarks.registration.faults.screen import draw_menu, draw_telemetry, write
-from benchmarks.registration.faults.streams import Coding, damage, decode, encode, through_bad_jpeg, through_jpeg
+from benchmarks.registration.faults.spoilt import SpoiltStream
+from benchmarks.registration.faults.streams import Coding, decode, encode, through_bad_jpeg, through_jpeg
 from benchmarks.registration.pictures import Part
 
 TAKE = 12
 RIM = "rim"
 """Blocks damaged where the frame shows what its predecessor did not: nothing there can be compared."""
-SOUND_SHARE = 0.002
-"""Up to this share of damage a frame of a spoilt stream is the sound one before those that are not."""
 HEAVY_BLUR = 0.025
 """Sigma of a defocus, as a share of the width, from which a blur is heavy (6.4 px at 256)."""
 HEAVY_SMEAR = 0.12
@@ -112,34 +109,19 @@ def _blocks(rng: np.random.Generator, part: Part) -> Case | None:
 
 
 def _stream(rng: np.random.Generator, part: Part) -> Case | None:
-    motion = Motion.HOVER if rng.uniform() < 0.05 else Motion.VIDEO
-    light, places = fly_placed(rng, draw_picture(rng, part), motion, TAKE)
-    frames = expose(rng, light, Look.draw(rng))
-    if rng.uniform() < 0.25:
-        frames = draw_telemetry(rng, frames)
-    coding = Coding.draw(rng)
-    packets = encode(frames, coding)
-    clean = decode(packets, coding.codec)
-    shown = decode(damage(rng, packets, first=3, strokes=int(rng.integers(1, 5))), coding.codec)
-    size = size_of(rng, frames[0])
-    small = {k: working(g, size) for k, g in shown.items() if k in clean and g.shape == clean[k].shape}
-    whole = {k: working(clean[k], size) for k in small}
-
-    @cache
-    def damaged(k: int) -> Mask:
-        return strong_difference(whole[k], small[k], drifted=True)
-
-    # most of the time goes into what is decoded but a little displaced: only what is drawn is looked at so closely
-    for k in (int(k) for k in rng.permutation(sorted(small))):
-        if float(damaged(k).mean()) < FAULTY_SHARE:
+    spoilt = SpoiltStream.draw(rng, part)
+    for k in (int(k) for k in rng.permutation(spoilt.numbers)):
+        if float(spoilt.damaged(k).mean()) < FAULTY_SHARE:
             continue
-        at = next((j for j in sorted(small, reverse=True) if j < k and float(damaged(j).mean()) < SOUND_SHARE), None)
+        at = spoilt.last_sound(k)
         if at is None:
             continue
-        known = damaged(k) & seen_before(places[at], places[k], shown[k], small[k].shape)
+        damaged, (small, places) = spoilt.damaged(k), (spoilt.small, spoilt.places)
+        known = damaged & seen_before(places[at], places[k], spoilt.shape, small[k].shape)
         rim = float(known.mean()) < FAULTY_SHARE
-        variety = RIM if rim else coding.codec.value
-        return Case(Kind.BLOCKS, variety, True, small[k], small[at], whole[k], damaged(k) if rim else known)
+        variety = RIM if rim else spoilt.codec.value
+        seen = damaged if rim else known
+        return Case(Kind.BLOCKS, variety, True, small[k], small[at], spoilt.whole[k], seen, suspect=k in spoilt.suspect)
     return None
 
 

@@ -18,7 +18,7 @@ SMEARED_SHARE, BLOCKY_SHARE, CORNERED_SHARE = 0.0125, 0.06, 0.003
 TORN_RATIO = 1.6
 """Two rows that differ so much more than those around them are an even bet."""
 LIKELY = 0.95
-STRANGE_SMEAR, STRANGE_BLOCKS, STRANGE_CORNERS, STRANGE_TEAR = 1.0, 1.0, 1.0, 2.2
+STRANGE_SMEAR, STRANGE_BLOCKS, STRANGE_CORNERS, STRANGE_TEAR = 1.5, 1.0, 3.0, 2.2
 """So many times what is as good as certain is asked for where the predecessor may show other ground."""
 
 
