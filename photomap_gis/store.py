@@ -67,12 +67,16 @@ class MissionHeader:
 
 @dataclass(frozen=True, slots=True)
 class PreparedFrame:
-    """What preparation found: why a frame is not ``usable``, and where its working image lies in its plane."""
+    """What preparation found: why a frame is not ``usable``, and where its working image lies in its plane.
+
+    ``is_suspect`` tells that a video's decoder lost data since the last key frame: parts may be its guess.
+    """
 
     frame: int
     usable: bool
     reason: str | None = None
     T_plane_work: Similarity2D = field(default_factory=Similarity2D)
+    is_suspect: bool = False
 
 
 @dataclass(frozen=True, slots=True)

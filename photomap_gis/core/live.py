@@ -36,11 +36,13 @@ class LiveFrame:
     ``ref.index`` counts the frames of the source from 0, also those that nobody takes; ``ref.pts_s`` is the stream
     time; ``ref.frame_number`` its rank within ``ref.source`` (a file, or the recording) where that can be read again.
     ``ref.fix``, ``ref.attitude`` and ``ref.time_s`` are set where the picture itself tells them (photos).
+    ``is_suspect`` tells that the decoder lost data since the last key frame: parts of the picture may be its guess.
     """
 
     ref: FrameRef
     picture: Picture
     arrival_s: float
+    is_suspect: bool = False
 
     @property
     def index(self) -> int:

@@ -195,8 +195,13 @@ def _flown(
 
 
 def as_taken(frame: LiveFrame, line: Mapping[str, Any]) -> LiveFrame:
-    """Return a frame with the stream time of its journal line: photos of a folder go on, after a gap, as they came."""
-    return replace(frame, ref=replace(frame.ref, pts_s=float(line["s"])))
+    """Return a frame as its journal line tells of it.
+
+    Its stream time: photos of a folder go on, after a gap, as they came. Whether data was missing: what was recorded
+    may be decoded from another packet on.
+    """
+    ref = replace(frame.ref, pts_s=float(line["s"]))
+    return replace(frame, ref=ref, is_suspect=bool(line.get("suspect", False)))
 
 
 def _difference(then: list[float] | None, now: list[float] | None) -> float:

@@ -18,6 +18,7 @@ from photomap_gis.ingest.stream.delivery import Delivery, held_back, pts_s
 from photomap_gis.ingest.stream.file_source import set_low_latency
 from photomap_gis.ingest.stream.own_address import as_typed_elsewhere, own_address
 from photomap_gis.ingest.stream.timeline import Timeline
+from photomap_gis.ingest.trouble import Trouble
 
 _MAX_ERRORS_IN_A_ROW = 50
 _LONGEST_NAP_S = 0.2
@@ -41,6 +42,7 @@ class LinkSource:
         self._limits, self._connector = limits or Limits(), connector or Plain()
         self._timeline = Timeline(by_arrival=True)
         self._delivery = Delivery(address.name, self._timeline, options, stem="live")
+        self._trouble = Trouble()
         self._closed = threading.Event()
         self._started_utc_s: float | None = None
         self._told_box = False
@@ -130,7 +132,7 @@ class LinkSource:
         began_s = self._clock.now_s()
         self._paced_from_s = began_s - self._timeline.stream_time_s if connection.has_end and self._realtime else None
         is_awake = said_no_key = False
-        damaged = 0
+        damaged, self._trouble = 0, Trouble()
         self._lost_why = "the stream ended"
         try:
             for packet in self._packets(connection):
@@ -154,9 +156,12 @@ class LinkSource:
                 is_awake = True
                 if self._box is not None:
                     self._box.packet(packet)
+                if packet.is_corrupt:
+                    self._trouble.failed()
                 try:
                     decoded_frames = packet.decode()
                 except FFmpegError:
+                    self._trouble.failed()
                     damaged += 1
                     continue
                 if damaged and decoded_frames:
@@ -180,6 +185,7 @@ class LinkSource:
     def _frame(self, decoded: Any, arrival_s: float) -> Iterator[StreamEvent]:
         if self._started_utc_s is None:
             self._started_utc_s = self._clock.utc_s()
+        is_suspect = self._trouble.of(decoded)
         moment = self._timeline.place(pts_s(decoded), arrival_s)
         if self._paced_from_s is not None:
             self._nap(self._paced_from_s + moment.stream_time_s - self._clock.now_s())
@@ -196,6 +202,7 @@ class LinkSource:
             time_utc_s=self._started_utc_s + moment.stream_time_s,
             frame_number=None if place is None else place.frame_number,
             source=None if place is None else str(place.path),
+            is_suspect=is_suspect,
         )  # fmt: skip
 
     def _packets(self, connection: Connection) -> Iterator[Any]:
