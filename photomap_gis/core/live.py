@@ -85,6 +85,8 @@ class GapKind(StrEnum):
     """Frames have another size from here on."""
     NO_KEY_FRAME = "no_key_frame"
     """Packets come, but no key frame from which decoding could begin."""
+    UNUSABLE = "unusable"
+    """Something comes, but no video that is understood; the source goes on trying."""
     FILE_LEFT_OUT = "file_left_out"
     """A file of a watched folder could not be read."""
     RECORDING_STOPPED = "recording_stopped"

@@ -8,7 +8,7 @@ from typing import Any
 
 from av.error import FFmpegError
 
-from photomap_gis.core.errors import PhotomapError
+from photomap_gis.core.errors import DataError, PhotomapError
 from photomap_gis.core.live import EndReason, GapKind, LiveClock, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.stream.addresses import Address
@@ -75,6 +75,7 @@ class LinkSource:
         retry_s = self._limits.first_retry_s
         silent_since_s: float | None = None  # None until there was a frame, and while they come
         said_waiting = False
+        told = ""
         while not self._closed.is_set():
             connection, self._first = self._first, None
             lost = ""
@@ -89,6 +90,9 @@ class LinkSource:
                 lost = str(error)
                 if isinstance(error, NobodySendsError):
                     retry_s = 0.0
+                elif isinstance(error, DataError) and lost != told:
+                    told = lost  # somebody sends, but nothing that can be shown: the sender can be set right
+                    yield self._gap(GapKind.UNUSABLE, lost)
             if connection is not None:
                 frames = 0
                 with_end = connection.has_end
@@ -131,6 +135,7 @@ class LinkSource:
         self._paced_from_s = began_s - self._timeline.stream_time_s if connection.has_end and self._realtime else None
         is_awake = said_no_key = False
         damaged = 0
+        coded_s: float | None = None
         self._lost_why = "the stream ended"
         try:
             for packet in self._packets(connection):
@@ -138,8 +143,12 @@ class LinkSource:
                 if packet.stream is not video:
                     if self._box is not None:
                         self._box.packet(packet)
-                    yield from self._delivery.metadata(bytes(packet), arrival_s)
+                    # asynchronous metadata bears no time stamp: it is of the picture that it came with
+                    stamp_s = pts_s(packet)
+                    at_s = self._timeline.at(coded_s if stamp_s is None else stamp_s)
+                    yield from self._delivery.metadata(bytes(packet), arrival_s, at_s)
                     continue
+                coded_s = pts_s(packet)
                 if not is_awake and not packet.is_keyframe:
                     late = arrival_s - began_s > self._limits.no_key_frame_s
                     if late and not said_no_key:
