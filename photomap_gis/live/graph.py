@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -150,7 +151,6 @@ class GraphWork:
         return record.accepted
 
     def _hold(self, record: RegistrationRecord) -> None:
-        self._accepted[_key(record.a, record.b)] = record
         known = self._prepared.keys() >= {record.a, record.b}
         if known:
             leaning = [self._leaning(k) for k in (record.a, record.b)]
@@ -159,6 +159,8 @@ class GraphWork:
                 record.registration, self._prepared[record.a].T_plane_work, self._prepared[record.b].T_plane_work,
                 kind=record.kind, leaning=both,
             )  # fmt: skip
+        # An hour's flight has tens of thousands: points and homographies, which the journal keeps, would be its memory.
+        self._accepted[_key(record.a, record.b)] = replace(record, ties=None, H_a_b=None, alternatives=())
 
     def _leaning(self, key: int) -> Leaning | None:
         focal = self._views[key].camera.focal_px
@@ -285,7 +287,7 @@ class GraphWork:
         return self._start[k]
 
     def _with(self, k: int) -> list[tuple[int, int]]:
-        return [p for p in list(self._accepted)[-8:] if k in p]
+        return [p for p in islice(reversed(self._accepted), 8) if k in p][::-1]
 
     def _tells_place(self) -> bool:
         """Whether the fixes lie far enough apart to turn the map rightly."""

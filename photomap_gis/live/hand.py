@@ -29,6 +29,7 @@ from photomap_gis.live.graph import KeyNews
 from photomap_gis.live.graph_desk import GraphDesk
 from photomap_gis.live.journal import LineLog
 from photomap_gis.live.lattice import LiveLattice
+from photomap_gis.live.look import Look
 from photomap_gis.live.painter import Painter, Redrawn
 from photomap_gis.live.steps import NewKey, Tie
 from photomap_gis.store import Mission, MissionPaths
@@ -83,7 +84,7 @@ class Told:
     tie: Tie
 
 
-Command = Lay | Take | Again | Move | Told
+Command = Lay | Take | Again | Look | Move | Told
 
 
 class KeptPixels:
@@ -135,7 +136,7 @@ class Hand:
         self._map_px = 1.0
         self.painter: Painter | None = None
         self._folder: CanvasFolder | None = None
-        self.pasted = 0
+        self.pasted = self.looks = 0
 
     @property
     def is_idle(self) -> bool:
@@ -154,6 +155,8 @@ class Hand:
                 if self.painter is not None:
                     self.painter.paste(command.key, command.placement, None, command.time_s)
                     self._on_tiles()
+            case Look():
+                self._look(command)
             case Move():
                 self._revision = command.revision
                 if self.painter is not None:
@@ -232,6 +235,13 @@ class Hand:
                 self.painter.paste(ref.index, command.placement, image, key.stream_time_s)
                 self.pasted += 1
                 self._on_tiles()
+
+    def _look(self, command: Look) -> None:
+        if self.painter is None or command.witness.is_spoilt():
+            return
+        self.painter.look(command.key, command.placement, command.picture.bgr, command.time_s)
+        self.looks += 1
+        self._on_tiles()
 
     def _keep(self, frame: Frame) -> None:
         ok, jpeg = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])

@@ -177,7 +177,7 @@ def _flown(
             if frame is None or frame.index != number:
                 raise DataError(f"the recording has no frame {number}: is it whole, and the same?")
             frame = as_taken(frame, line)
-            step, commands = loop.take(frame, locator.place(frame))
+            step, commands = loop.take(frame, locator.place(frame), may_look=bool(line.get("look")))
             do(commands)
             difference = _difference(line.get("pose"), pose_numbers(step))
             poses += line.get("pose") is not None

@@ -30,6 +30,7 @@ from photomap_gis.live.hand import Command, Hand, KeptPixels, Take, canvas_diges
 from photomap_gis.live.health import HealthWatch
 from photomap_gis.live.journal import FOLDER, JOURNAL, RENDER, LineLog
 from photomap_gis.live.locate import Locator
+from photomap_gis.live.look import Look
 from photomap_gis.live.loop import FlightLoop
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.steps import Step
@@ -49,6 +50,8 @@ logger = logging.getLogger(__name__)
 
 QUEUE = 2
 """Frames that wait for the loop; the oldest is dropped where more come."""
+MOST_WAITING = 3
+"""Commands that wait for the hand; where more do, no looks are taken: key frames go first."""
 FLUSH_EVERY_S = 2.0
 FLUSH_EVERY_KEYS = 24
 LAST_REDRAW_S = 5.0
@@ -235,7 +238,7 @@ class Session:
         except PhotomapError as error:  # a full disk: what cannot be kept is told, the flight goes on
             self.failure = error
             self.health.say(str(error))
-        if isinstance(command, Take) and self._waiting_keys:
+        if isinstance(command, Take | Look) and self._waiting_keys:
             self.latencies.paste.append(1000.0 * (time.monotonic() - self._waiting_keys.popleft()))
 
     def _flush(self) -> None:
@@ -253,7 +256,7 @@ class Session:
         self._adopt(frame.stream_time_s)
         ref = self._locator.place(frame)
         began, began_cpu = time.monotonic(), time.thread_time()
-        step, commands = self.loop.take(frame, ref)
+        step, commands = self.loop.take(frame, ref, may_look=self._commands.qsize() < MOST_WAITING)
         self.latencies.step.append(1000.0 * (time.monotonic() - began))
         self.latencies.step_cpu.append(1000.0 * (time.thread_time() - began_cpu))
         self._publish(frame, step)
@@ -261,7 +264,7 @@ class Session:
             self.latencies.pose.append(1000.0 * (time.monotonic() - frame.arrival_s))
         for command in commands:
             if self._realtime:
-                if isinstance(command, Take):
+                if isinstance(command, Take | Look):
                     self._waiting_keys.append(frame.arrival_s)
                 self._commands.put(command)
             else:

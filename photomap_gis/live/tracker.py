@@ -28,7 +28,6 @@ from photomap_gis.ifmi import (
     Prior,
     Spectrum,
     judge_frame,
-    judge_registered,
     look_at,
     make_spectrum,
     register,
@@ -37,6 +36,7 @@ from photomap_gis.ifmi.frames.verdict import GOOD
 from photomap_gis.ifmi.working import shrink
 from photomap_gis.ingest.stills import PHOTO_SUFFIXES
 from photomap_gis.live.chart import Belief, Chart, LiveSolution, placed
+from photomap_gis.live.look import Witness
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.steps import FrameState, Joined, NewKey, Step, Tie
 from photomap_gis.pipeline.solved import plane_outline
@@ -48,7 +48,7 @@ PRIOR_UP_TO_S = 0.7
 FOREIGN_SIGMA = 0.4
 """How far, as a share of the frame, a new segment may lie off where it is believed, at first."""
 RECENT = 48
-"""Spectra of the newest key frames that are kept in memory."""
+"""Small pictures of the newest key frames that are kept in memory: a spectrum is made of one in a few milliseconds."""
 BELIEVED_DOUBT = 0.5
 FROZEN_AFTER_S = 0.5
 """A picture that repeats itself for so long is a link that froze; before that the video only stutters."""
@@ -56,7 +56,6 @@ MOST_SPOILT = 5
 """So many frames in a row that are spoilt in part: not they are, the ground has changed or leans."""
 MANY, FEW = 120, 8
 """Key frames that a new segment is compared with, and each of its further key frames."""
-SPOILT_PHOTO = (Fault.TORN, Fault.STALE, Fault.BLOCKS)
 GRID = np.stack(np.meshgrid((np.arange(9) + 0.5) / 9.0, (np.arange(9) + 0.5) / 9.0), axis=-1).reshape(-1, 2)
 
 
@@ -67,6 +66,7 @@ class _Seen:
     ref: FrameRef
     view: PlaneView
     grey: ImageArray
+    small: ImageArray
     T_px_small: Similarity2D
     look: FrameLook
     spectrum: Spectrum
@@ -101,7 +101,7 @@ class Tracker:
         self._segment = 0
         self._joined = True
         self._candidates: list[int] = []
-        self._recent: dict[int, Spectrum] = {}
+        self._recent: dict[int, ImageArray] = {}
         self._spoilt_in_a_row = 0
 
     @property
@@ -131,7 +131,7 @@ class Tracker:
             if self._rejected >= LONGEST_STREAK:
                 self._look, self._rejected = None, 0
             return self._waits(ref, view, FrameState.ERROR, verdict.reason)
-        seen = _Seen(ref, view, grey, T_px_small, look, make_spectrum(small), stream_time_s)
+        seen = _Seen(ref, view, grey, small, T_px_small, look, make_spectrum(small), stream_time_s)
         if self._key is None or self._last is None:
             self._accept_look(seen)
             return self._begin(seen)
@@ -194,10 +194,7 @@ class Tracker:
 
     def _is_spoilt(self, a: _Seen, b: _Seen, found: Registration, verdict: FrameVerdict) -> bool:
         """Whether a frame that is to be pasted shows what it cannot have seen."""
-        told = judge_registered(b.look, a.look, found, doubt=verdict.doubt)
-        return (not told.ok or told.fault is not None) and (
-            is_video(b.ref) or (not told.ok and told.fault in SPOILT_PHOTO)
-        )
+        return _witness(a, b, found, verdict).is_spoilt()
 
     def _chained(self, key: _Seen, seen: _Seen, found: Registration) -> tuple[Similarity2D, Belief]:
         """Return ``T_keypx_px`` and the pose that a registration to a key frame gives a frame."""
@@ -239,6 +236,7 @@ class Tracker:
         return Step(
             seen.ref if new_key is None else new_key.ref, FrameState.TRACKED if new_key is None else FrameState.KEY,
             belief, seen.view, self._segment, None, promoted, new_key, joined, None, found.probability,
+            None if new_key is not None else _witness(key, seen, found, verdict),
         )  # fmt: skip
 
     def _promote(self, last: _Tracked) -> NewKey:
@@ -265,7 +263,7 @@ class Tracker:
         kept = replace(seen, ref=ref, spectrum=spectrum)
         self._key, self._spoilt_in_a_row = kept, 0
         self._before, self._last = before, _Tracked(kept, Similarity2D(), None)
-        self._recent[index] = spectrum
+        self._recent[index] = seen.small
         self._recent.pop(index - RECENT, None)
         if not self._joined:
             self._candidates = self._nearest(belief, seen, FEW) + self._candidates[-MANY:]
@@ -356,12 +354,16 @@ class Tracker:
     def _seen_again(self, key: int) -> tuple[Spectrum, Similarity2D]:
         """Return the spectrum of an earlier key frame, and the way from its small picture to its pixels."""
         ref = self.chart.refs[key]
-        spectrum = self._recent.get(key)
-        if spectrum is None:
+        small = self._recent.get(key)
+        if small is None:
             small, T_px_small = shrink(self._load(key), self._size_px)
-            return make_spectrum(small, index=key), T_px_small
-        _, T_px_small = shrink(np.zeros((ref.height_px, ref.width_px), np.uint8), self._size_px)
-        return spectrum, T_px_small
+        else:
+            _, T_px_small = shrink(np.zeros((ref.height_px, ref.width_px), np.uint8), self._size_px)
+        return make_spectrum(small, index=key), T_px_small
+
+
+def _witness(a: _Seen, b: _Seen, found: Registration, verdict: FrameVerdict) -> Witness:
+    return Witness(b.look, a.look, found, verdict.doubt, is_video(b.ref))
 
 
 def wide_covariance(ref: FrameRef) -> FloatArray:
