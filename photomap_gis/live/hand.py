@@ -137,6 +137,8 @@ class Hand:
         self.painter: Painter | None = None
         self._folder: CanvasFolder | None = None
         self.pasted = self.looks = 0
+        self.is_cut = False
+        """The disk takes no more key frames: they are shown, but the mission ends before the first that is missing."""
 
     @property
     def is_idle(self) -> bool:
@@ -159,7 +161,7 @@ class Hand:
                 self._look(command)
             case Move():
                 self._revision = command.revision
-                if self.painter is not None:
+                if self.painter is not None and not self.is_cut:
                     keys = self._moved_keys(command.chart) if command.keys is None else command.keys
                     self._on_moved(command.revision, self.painter.adopt(command.chart.placement, keys))
             case Told():
@@ -222,6 +224,8 @@ class Hand:
         ref = key.ref
         image = command.picture.bgr
         try:
+            if self.is_cut:
+                return  # pasted all the same
             if ref.frame_number is not None:
                 self._keep(Frame(ref, image))
             self._mission.frames.append(ref)
@@ -229,6 +233,7 @@ class Hand:
                 self._graph.tell(KeyNews(ref, key.grey, key.belief.T_map_plane, key.tie))
         except PhotomapError as error:
             logger.warning("%s", error)
+            self.is_cut = True
             raise
         finally:
             if self.painter is not None and command.paste:

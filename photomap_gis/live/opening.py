@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ from photomap_gis.core.live import FrameSource, LiveTelemetry
 from photomap_gis.georef import resolve_crs
 from photomap_gis.ingest import open_sources
 from photomap_gis.ingest.sources import VIDEO_SUFFIXES
-from photomap_gis.live.journal import load_session, save_session
+from photomap_gis.live.journal import FOLDER, SESSION, load_session, save_session
 from photomap_gis.live.locate import FromLog, FromTelemetry, Locator
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.pipeline.opening import kept_settings
@@ -52,15 +53,29 @@ def locator_of(source: str, options: LiveOptions, telemetry: LiveTelemetry | Non
     return FromLog(footage.frames, flights=footage.flights, tracks=footage.tracks, warnings=footage.warnings)
 
 
+def refuse_flown(folder: Path) -> None:
+    """Raise ``UsageError`` where a folder holds a mission; one that never saw a frame is begun anew."""
+    if not Mission.exists(folder):
+        return
+    if (folder / FOLDER / SESSION).is_file() and not any(folder.glob(f"{RECORDING}/piece-*")):
+        with Mission.open(folder) as mission:
+            flown = any(True for _ in mission.frames)
+        if not flown:
+            shutil.rmtree(folder / FOLDER)
+            shutil.rmtree(folder / RECORDING, ignore_errors=True)
+            (folder / "mission.json").unlink()
+            return
+    raise UsageError(
+        f"{folder} holds a mission already: go on with it by 'photomap live --resume {folder}', "
+        "or choose another folder by -o"
+    )
+
+
 def begin_session(
     source: str, folder: Path, stream: FrameSource, options: LiveOptions, telemetry: LiveTelemetry | None = None
 ) -> Ready:
     """Make the mission of a new session; ``UsageError`` where the folder holds one already."""
-    if Mission.exists(folder):
-        raise UsageError(
-            f"{folder} holds a mission already: go on with it by 'photomap live --resume {folder}', "
-            "or choose another folder by -o"
-        )
+    refuse_flown(folder)
     if options.settings.crs is not None:
         resolve_crs(options.settings.crs)
     locator = locator_of(source, options, telemetry)
