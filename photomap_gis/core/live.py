@@ -142,7 +142,15 @@ class StreamFix:
     hfov_rad: float | None = None
 
 
-StreamEvent = LiveFrame | StreamFix | StreamGap | StreamEnd
+@dataclass(frozen=True, slots=True)
+class StreamRenamed:
+    """A photo that was read before has another name now: its pixels are to be found there."""
+
+    path: str
+    to: str
+
+
+StreamEvent = LiveFrame | StreamFix | StreamGap | StreamRenamed | StreamEnd
 
 
 @runtime_checkable

@@ -34,6 +34,7 @@ from photomap_gis.live.opening import (
     is_video_file,
     refuse_flown,
     resume_session,
+    take_new_names,
     whole_keys,
 )
 from photomap_gis.live.options import LiveOptions
@@ -152,6 +153,7 @@ class Flight:
                 f"{self._stream.name}: no frame came, so there is no map; see that it sends, and start again "
                 "(the same -o may be used)"
             )
+        take_new_names(self._ready.mission)
         self._ready.mission.__exit__()
 
         def told(end: LiveEnd) -> None:
@@ -254,7 +256,7 @@ def _opened(
     ingest = options.settings.ingest
     if is_video_file(source) and request.mavlink is None:
         return open_stream(source, realtime=request.realtime, options=ingest, clock=clock), None
-    recording = None if Path(source).exists() else folder / RECORDING
+    recording = None if is_video_file(source) else folder / RECORDING
     if recording is not None:
         if request.resume is None:
             refuse_flown(folder)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -92,6 +92,8 @@ class KeptPixels:
 
     def __init__(self, paths: MissionPaths, ref_of: Callable[[int], FrameRef]) -> None:
         self._paths, self._ref_of = paths, ref_of
+        self.renamed: dict[str, str] = {}
+        """Photos that have another name by now."""
         self._read = lru_cache(maxsize=4)(self._read_now)
 
     def __call__(self, key: int) -> ImageArray:
@@ -112,7 +114,7 @@ class KeptPixels:
                 return np.asarray(image, np.uint8)
         if ref.frame_number is not None:
             raise FrameReadError(f"{path} is missing or damaged")
-        return read_frame(ref).image
+        return read_frame(replace(ref, source=self.renamed.get(ref.source, ref.source))).image
 
 
 class Hand:

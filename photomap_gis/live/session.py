@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from photomap_gis.core.errors import PhotomapError
-from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap
+from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap, StreamRenamed
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph_desk import GraphDesk
@@ -34,7 +34,7 @@ from photomap_gis.live.look import Look
 from photomap_gis.live.loop import FlightLoop
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.steps import Step
-from photomap_gis.live.tracker import frame_placement
+from photomap_gis.live.tracker import frame_placement, is_video
 from photomap_gis.live.view import LiveView
 from photomap_gis.server.live_view import (
     LivePhase,
@@ -186,6 +186,9 @@ class Session:
                 if self._is_known(event):
                     continue
                 with self._arrived:
+                    # Photos wait in their folder: each is worth a whole second of video, so none is dropped.
+                    while not is_video(event.ref) and len(self._frames) >= QUEUE and not self._stop.is_set():
+                        self._arrived.wait(0.2)
                     self._frames.append(event)
                     while len(self._frames) > QUEUE:
                         old = self._frames.popleft()
@@ -205,6 +208,7 @@ class Session:
                 if self._ended is not None or self._stop.is_set():
                     return None
                 self._arrived.wait(0.2)
+            self._arrived.notify()
             return self._frames.popleft()
 
     def _work(self) -> None:
@@ -317,6 +321,8 @@ class Session:
             self.health.hear(event)
             self.on_words(event.message)
             self._tell_health()
+        elif isinstance(event, StreamRenamed):
+            self.pixels.renamed[event.path] = event.to
         elif isinstance(event, StreamEnd):
             self._ended = event
 
