@@ -269,11 +269,15 @@ class Journal(Generic[T]):
             write_file(self._path, b"".join(self._adapter.dump_json(r) + b"\n" for r in kept))
 
     def close(self) -> None:
-        """Bring what was appended onto the disk."""
-        if self._file is not None:
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self._file = None
+        """Bring what was appended onto the disk; ``OutputError`` where that is full."""
+        if self._file is None:
+            return
+        file, self._file = self._file, None
+        try:
+            with file:
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
 
     def _open_whole(self) -> IO[bytes]:
         """Open for appending, cut back to the end of the last whole line."""

@@ -87,6 +87,8 @@ class GapKind(StrEnum):
     """Frames have another size from here on."""
     NO_KEY_FRAME = "no_key_frame"
     """Packets come, but no key frame from which decoding could begin."""
+    UNUSABLE = "unusable"
+    """Something comes, but no video that is understood; the source goes on trying."""
     FILE_LEFT_OUT = "file_left_out"
     """A file of a watched folder could not be read."""
     RECORDING_STOPPED = "recording_stopped"
@@ -142,7 +144,15 @@ class StreamFix:
     hfov_rad: float | None = None
 
 
-StreamEvent = LiveFrame | StreamFix | StreamGap | StreamEnd
+@dataclass(frozen=True, slots=True)
+class StreamRenamed:
+    """A photo that was read before has another name now: its pixels are to be found there."""
+
+    path: str
+    to: str
+
+
+StreamEvent = LiveFrame | StreamFix | StreamGap | StreamRenamed | StreamEnd
 
 
 @runtime_checkable

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -258,6 +258,11 @@ class LiveCanvas:
             dirty = sorted(self._dirty)
             self._dirty.clear()
             return [(t, (p := self._planes(t)).rgba(), p.shown.copy()) for t in dirty]
+
+    def give_back(self, tiles: Iterable[TileIndex]) -> None:
+        """Take tiles for changed again: they could not be written."""
+        with self._lock:
+            self._dirty.update(tiles)
 
     def _planes(self, tile: TileIndex) -> TilePlanes:
         planes = self._tiles.get(tile)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -92,6 +92,8 @@ class KeptPixels:
 
     def __init__(self, paths: MissionPaths, ref_of: Callable[[int], FrameRef]) -> None:
         self._paths, self._ref_of = paths, ref_of
+        self.renamed: dict[str, str] = {}
+        """Photos that have another name by now."""
         self._read = lru_cache(maxsize=4)(self._read_now)
 
     def __call__(self, key: int) -> ImageArray:
@@ -112,7 +114,7 @@ class KeptPixels:
                 return np.asarray(image, np.uint8)
         if ref.frame_number is not None:
             raise FrameReadError(f"{path} is missing or damaged")
-        return read_frame(ref).image
+        return read_frame(replace(ref, source=self.renamed.get(ref.source, ref.source))).image
 
 
 class Hand:
@@ -137,6 +139,8 @@ class Hand:
         self.painter: Painter | None = None
         self._folder: CanvasFolder | None = None
         self.pasted = self.looks = 0
+        self.is_cut = False
+        """The disk takes no more key frames: they are shown, but the mission ends before the first that is missing."""
 
     @property
     def is_idle(self) -> bool:
@@ -159,7 +163,7 @@ class Hand:
                 self._look(command)
             case Move():
                 self._revision = command.revision
-                if self.painter is not None:
+                if self.painter is not None and not self.is_cut:
                     keys = self._moved_keys(command.chart) if command.keys is None else command.keys
                     chart = command.chart
                     self._on_moved(command.revision, self.painter.adopt(chart.placement, keys, len(chart)))
@@ -223,6 +227,8 @@ class Hand:
         ref = key.ref
         image = command.picture.bgr
         try:
+            if self.is_cut:
+                return  # pasted all the same
             if ref.frame_number is not None:
                 self._keep(Frame(ref, image))
             self._mission.frames.append(ref)
@@ -230,6 +236,7 @@ class Hand:
                 self._graph.tell(KeyNews(ref, key.grey, key.belief.T_map_plane, key.tie))
         except PhotomapError as error:
             logger.warning("%s", error)
+            self.is_cut = True
             raise
         finally:
             if self.painter is not None and command.paste:

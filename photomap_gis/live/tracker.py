@@ -28,6 +28,7 @@ from photomap_gis.ifmi import (
     Prior,
     Spectrum,
     judge_frame,
+    judge_registered,
     look_at,
     make_spectrum,
     register,
