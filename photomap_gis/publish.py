@@ -119,6 +119,9 @@ def _scratch_beside(path: Path, failures: Failures) -> Iterator[Path]:
         owner = _claim(folder, path.name)
         try:
             yield folder
+        except OutputError as error:  # what lies in the scratch folder is told of by the name that the user gave
+            text = str(error).replace(str(folder / path.name), str(path)).replace(str(folder / "new"), str(path))
+            raise OutputError(text.replace(str(folder), str(path))) from error
         finally:
             if owner is not None:
                 os.close(owner)

@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     def section(name: str) -> Section:
         if name == "realtime":
             return realtime.measure(chosen.output, seconds=chosen.seconds, width_px=width, height_px=height)
-        return memory.measure(chosen.output, frames=chosen.frames, seconds=min(chosen.seconds, 40))
+        return memory.measure(chosen.output, frames=chosen.frames, width_px=width, height_px=height)
 
     return tell_sections(chosen.only, section, chosen.json)
 

@@ -77,7 +77,7 @@ def write_mbtiles(
             db.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (key.zoom, key.x, row, tile.data))
             count += 1
         if count == 0:
-            raise OutputError(f"{path} was not written: the map shows nothing")
+            raise OutputError(f"{path} was not written: the map shows nothing at zooms {plan.zooms}")
         db.commit()
         db.executescript(_INDEXES)
     return count

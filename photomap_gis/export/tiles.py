@@ -67,7 +67,7 @@ def write_tiles(
                 raise OutputError(f"{folder} cannot be written: a tile is cut short; check the disk")
             count += 1
         if count == 0:
-            raise OutputError(f"{folder} was not written: the map shows nothing")
+            raise OutputError(f"{folder} was not written: the map shows nothing at zooms {plan.zooms}")
         if tms:
             (fresh / "tilemapresource.xml").write_text(_tile_map_resource(plan, choice, words), encoding="utf-8")
         (fresh / "tiles.json").write_text(json.dumps(document, indent=2, ensure_ascii=False), encoding="utf-8")

@@ -13,7 +13,7 @@ from photomap_gis.export.area import Area
 from photomap_gis.export.crs import WEB_MERCATOR, bounds_in, needs_place, parse_crs, same_crs
 from photomap_gis.export.encode import TileChoice, TileFormat, encode
 from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
-from photomap_gis.export.warp import Resampler, ground_pixel_m, pixel_steps
+from photomap_gis.export.warp import Resampler, check_size, ground_pixel_m, pixel_steps
 
 TILE_PX = 256
 _HALF_WORLD_M = math.pi * 6378137.0
@@ -41,6 +41,11 @@ class WebTiles:
     min_zoom: int
     max_zoom: int
     bounds_deg: tuple[float, float, float, float]
+
+    @property
+    def zooms(self) -> str:
+        """The zooms as words for errors."""
+        return f"{self.min_zoom} to {self.max_zoom}"
 
     @property
     def centre(self) -> tuple[float, float, int]:
@@ -107,6 +112,7 @@ def plan_web_tiles(
     left, top = (math.floor(v / size_m + 1e-6) for v in (west + _HALF_WORLD_M, _HALF_WORLD_M - north))
     right, bottom = (math.ceil(v / size_m - 1e-6) for v in (east + _HALF_WORLD_M, _HALF_WORLD_M - south))
     extent = Window(left, top, max(1, right - left), max(1, bottom - top))
+    check_size((extent.width, extent.height), source.grid, f"zoom {finest} of {what}")
     one_tile = leaf - math.ceil(math.log2(max(1.0, max(extent.width, extent.height) / TILE_PX)))
     widest = (
         max(0, min(finest, one_tile - _ZOOMS_BELOW_ONE_TILE)) if min_zoom is None else _checked("min_zoom", min_zoom)

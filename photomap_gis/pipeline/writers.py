@@ -39,6 +39,7 @@ from photomap_gis.pipeline.layers import write_map_layers
 from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.pipeline.words import geotiff_tags
+from photomap_gis.publish import output_errors
 from photomap_gis.store import Mission
 
 OnProgress = Callable[[int, int], None]
@@ -110,7 +111,8 @@ class Request:
 
 def write_format(wanted: Format, request: Request, path: Path, on_progress: Progress) -> list[Written]:
     """Write one format and return what was written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with output_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     return _WRITERS[wanted](request, path, partial(on_progress, str(wanted)))
 
 

@@ -89,8 +89,11 @@ class BlockFactor:
         return out * s[:, :, None] * s[:, None, :]
 
 
-def factor(H: sparse.csc_array, border: IntArray) -> BlockFactor:
+def factor(H: sparse.csc_array, border: IntArray, *, group: IntArray | None = None) -> BlockFactor:
     """Factor a symmetric positive definite ``H``; ``border`` are the (sorted) unknowns that touch everything.
+
+    Unknowns of a ``group`` (``(n,)`` its number for each, those of the border too) stay in one block, coupled or not:
+    a pose that hangs on nothing but its own fix and compass has a place and a heading that know nothing of each other.
 
     Raises ``numpy.linalg.LinAlgError`` where H is not positive definite: something is tied to nothing.
     """
@@ -98,7 +101,7 @@ def factor(H: sparse.csc_array, border: IntArray) -> BlockFactor:
     if not np.all(diagonal > 0):
         raise np.linalg.LinAlgError("an unknown is tied to nothing")
     scale = 1.0 / np.sqrt(diagonal)
-    blocks = _chain_of_blocks(H, border)
+    blocks = _chain_of_blocks(H, border, np.arange(H.shape[0]) if group is None else group)
     order = np.concatenate([*blocks, border]).astype(np.intp)
     ordered = sparse.csr_array(H)[order][:, order]
     s = scale[order]
@@ -144,13 +147,17 @@ def _solve_chain(
     return x
 
 
-def _chain_of_blocks(H: sparse.csc_array, border: IntArray) -> tuple[IntArray, ...]:
-    """Cut all unknowns but the border into blocks that touch only their neighbours in the sequence."""
+def _chain_of_blocks(H: sparse.csc_array, border: IntArray, group: IntArray) -> tuple[IntArray, ...]:
+    """Cut all groups of unknowns but the border into blocks that touch only their neighbours in the sequence."""
     n = H.shape[0]
     inner = np.ones(n, bool)
     inner[border] = False
     index = np.flatnonzero(inner)
-    pattern = sparse.csr_array(H)[index][:, index]
+    numbers, group = np.unique(group[index], return_inverse=True)
+    entries = sparse.coo_array(sparse.csr_array(H)[index][:, index])
+    touching = (group[entries.row], group[entries.col])
+    pattern = sparse.csr_array((np.ones(len(group[entries.row])), touching), shape=(len(numbers), len(numbers)))
+    size = np.bincount(group)
     count, label = csgraph.connected_components(pattern, directed=False)
     levels: list[IntArray] = []
     for component in range(count):
@@ -164,10 +171,15 @@ def _chain_of_blocks(H: sparse.csc_array, border: IntArray) -> tuple[IntArray, .
         levels.extend(np.split(members[order], cuts))
     blocks: list[list[IntArray]] = [[]]
     for members in levels:
-        if blocks[-1] and sum(map(len, blocks[-1])) >= BLOCK_SIZE:
+        if blocks[-1] and sum(int(size[m].sum()) for m in blocks[-1]) >= BLOCK_SIZE:
             blocks.append([])
         blocks[-1].append(members)
-    return tuple(index[np.sort(np.concatenate(b))] for b in blocks if b)
+    block_of = np.empty(len(numbers), np.intp)
+    for k, block in enumerate(blocks):
+        block_of[np.concatenate([*block, np.zeros(0, np.intp)])] = k
+    order = np.argsort(block_of[group], kind="stable")
+    cuts = np.flatnonzero(np.diff(block_of[group][order])) + 1
+    return tuple(index[part] for part in np.split(order, cuts) if len(part))
 
 
 def _levels(pattern: sparse.csr_array, start: int) -> IntArray:

@@ -72,7 +72,7 @@ def test_what_was_shed_comes_back(tmp_path: Path, picture: np.ndarray) -> None:
         wide.paste(k, sheet)
         tight.paste(k, sheet)
     window = Window(-300, -300, 1600, 1100)
-    for what in (lambda t: t.rgba(), lambda t: t.shown, lambda t: t.newest):
+    for what in (lambda t: t.rgba(), lambda t: t.shown, lambda t: t.seen_s):
         np.testing.assert_array_equal(wide.read(window, what, 0), tight.read(window, what, 0))
 
 

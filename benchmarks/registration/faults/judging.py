@@ -55,7 +55,7 @@ def judge_case(case: Case) -> Outcome:
         found = register(spectrum, make_spectrum(case.frame))
         shown = found if found.accepted else register_part(spectrum, case.frame) or found
         start = time.process_time()
-        verdict = judge_registered(look, before, shown, doubt=first.doubt)
+        verdict = judge_registered(look, before, shown, doubt=first.doubt, suspect=case.suspect)
         seconds += time.process_time() - start
     detected = not verdict.ok or verdict.fault is not None or _covers(verdict, case)
     return Outcome(
