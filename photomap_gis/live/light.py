@@ -41,12 +41,18 @@ class Light:
     def take(self, key: int, sheet: Sheet, canvas: LiveCanvas) -> float:
         """Return the gain of a key frame, given it now where it is new."""
         if key not in self._gains:
-            self._gains[key] = self.measured(sheet, canvas) ** KEPT
-            self._times_s[key] = sheet.time_s
+            gain = self._ratio(sheet, canvas)
+            if gain is not None:  # what is too unlike is left as it is, and nothing is measured against it
+                self._times_s[key] = sheet.time_s
+            self._gains[key] = 1.0 if gain is None else gain**KEPT
         return self._gains[key]
 
     def measured(self, sheet: Sheet, canvas: LiveCanvas) -> float:
-        """Return the gain that makes a sheet fit to what the canvas shows; 1 where too little of that is comparable."""
+        """Return the gain that makes a sheet fit to what the canvas shows; 1 where that cannot be told."""
+        return self._ratio(sheet, canvas) or 1.0
+
+    def _ratio(self, sheet: Sheet, canvas: LiveCanvas) -> float | None:
+        """Return how much brighter the canvas is: 1 where little can be compared, ``None`` where it is too unlike."""
         count = 0
         old_sum = new_sum = 0.0
         far_new = 1.0 + WORTH_A_SECOND * sheet.time_s
@@ -65,7 +71,8 @@ class Light:
             new_sum += float(new[used].sum(dtype=np.float64))
         if count < FEWEST or new_sum <= 0.0:
             return 1.0
-        return math.exp(max(-MOST, min(MOST, math.log(old_sum / new_sum))))
+        ratio = old_sum / new_sum
+        return ratio if abs(math.log(max(ratio, 1e-6))) <= MOST else None
 
 
 def brightened(sheet: Sheet, gain: float) -> Sheet:
