@@ -29,6 +29,7 @@ from photomap_gis.live.graph import KeyNews
 from photomap_gis.live.graph_desk import GraphDesk
 from photomap_gis.live.journal import LineLog
 from photomap_gis.live.lattice import LiveLattice
+from photomap_gis.live.light import Light
 from photomap_gis.live.look import Look
 from photomap_gis.live.painter import Painter, Redrawn
 from photomap_gis.live.steps import NewKey, Tie
@@ -136,6 +137,7 @@ class Hand:
         self._revision = 0
         self._rows: FloatArray = np.zeros((0, 4))
         self._map_px = 1.0
+        self._light = Light()
         self.painter: Painter | None = None
         self._folder: CanvasFolder | None = None
         self.pasted = self.looks = 0
@@ -216,7 +218,7 @@ class Hand:
         planes = self._mission.folder / "cache" / "live" / command.epoch
         canvas = LiveCanvas(command.lattice, planes)
         self._folder = CanvasFolder(self._mission.mosaic_folder(), canvas, f"live-{command.epoch}")
-        self.painter = Painter(canvas, self._pixels, self._redrawn)
+        self.painter = Painter(canvas, self._pixels, self._redrawn, self._light)
         self._rows = np.zeros((0, 4))
         middle = canvas.lattice.grid.to_crs([[0.0, 0.0]])[0]
         self._map_px = canvas.lattice.grid.pixel_size * ground_per_unit(middle, canvas.lattice.frame)

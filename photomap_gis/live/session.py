@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from photomap_gis.core.errors import PhotomapError
+from photomap_gis.core.errors import DataError, PhotomapError
 from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap, StreamRenamed
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
@@ -196,6 +196,9 @@ class Session:
                     self._arrived.notify()
         except PhotomapError as error:
             self.failure = error
+        except Exception as error:
+            logger.exception("reading the source failed")
+            self.failure = DataError(f"internal fault in reading the source ({type(error).__name__}: {error})")
         finally:
             with self._arrived:
                 if self._ended is None:
@@ -243,6 +246,9 @@ class Session:
             self.hand.do(command)
         except PhotomapError as error:  # a full disk: what cannot be kept is told, the flight goes on
             self._disk_failed(error)
+        except Exception as error:  # a fault of ours must not end the drawing unseen, nor the flight
+            logger.exception("a command of the live map failed")
+            self._disk_failed(DataError(f"internal fault in drawing the map ({type(error).__name__}: {error})"))
         if isinstance(command, Take | Look) and self._waiting_keys:
             self.latencies.paste.append(1000.0 * (time.monotonic() - self._waiting_keys.popleft()))
 
