@@ -96,6 +96,8 @@ def test_an_unregistered_frame_is_torn_where_its_rows_are():
     verdict = judge_registered(sheared(shot(LAND, 8, 4, 1), 1.3), before, nowhere())
     assert not verdict.ok and verdict.fault is Fault.TORN
     assert judge_registered(shot(LAND, 8, 4, 1), before, nowhere()).ok
+    masked = look_at(sheared(shot(LAND, 8, 4, 1), 1.3), mask=np.arange(SHAPE[1])[None].repeat(SHAPE[0], 0) > 30)
+    assert judge_registered(masked, before, nowhere()).ok, "of a levelled frame the borders would speak"
 
 
 def test_a_stretched_registration_that_fits_is_torn():

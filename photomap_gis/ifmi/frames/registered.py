@@ -101,6 +101,8 @@ def _unregistered(
     look: FrameLook, before: FrameLook, doubt: float, probability: float, *, suspect: bool
 ) -> FrameVerdict:
     """Return the verdict on a frame that fits nowhere as a whole: perhaps its rows do, or it is no picture at all."""
+    if look.usable is not None or before.usable is not None:  # their borders are straight and stay where they are
+        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
     rows = row_motion(look, before)
     if rows.is_torn:
         return rejected(Fault.TORN, ": its rows are displaced")
