@@ -6,18 +6,22 @@ mixed with its neighbour's.
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import rasterio
-import rasterio.shutil
+from rasterio.errors import NotGeoreferencedWarning
+from rasterio.windows import Window as RasterWindow
 
 from photomap_gis.core.grid import MapGrid, Window
-from photomap_gis.core.layer import LAYERS, Layer, LayerSource, empty
+from photomap_gis.core.layer import LAYERS, Layer, LayerSource, LayerSpec, empty
 from photomap_gis.export.crs import needs_place, point_map, same_crs
 from photomap_gis.export.draft import BLOCK_PX, draft_dataset, strips
 from photomap_gis.export.geotiff import (
@@ -26,8 +30,9 @@ from photomap_gis.export.geotiff import (
     check_cog,
 )
 from photomap_gis.export.publish import file_in_place_of, folder_in_place_of
+from photomap_gis.export.tiff_file import REDUCED, read_directories, write_cog
 from photomap_gis.export.warp import lattice
-from photomap_gis.parallel import give_back_memory
+from photomap_gis.parallel import give_back_memory, usable_cpus
 
 OnProgress = Callable[[int, int], None]
 
@@ -82,16 +87,14 @@ def write_layer(
     tags |= {f"MEANING_{band.name.upper()}": band.words for band in spec.bands}
     if grid.crs_wkt is None:
         tags["GEOREFERENCE"] = NOT_GEOREFERENCED
-    profile = {
-        "width": grid.width, "height": grid.height, "count": len(spec.bands), "dtype": spec.dtype,
-        "nodata": spec.nodata, "crs": grid.crs_wkt or LOCAL_CRS_WKT, "transform": rasterio.Affine(*grid.transform),
-    }  # fmt: skip
     with (
         file_in_place_of(path, lambda p: check_cog(p, path)) as temporary,
         rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES),
     ):
-        draft = temporary.with_name("draft.tif")
-        with draft_dataset(draft, profile) as out:
+        levels = max(0, math.ceil(math.log2(max(grid.width, grid.height) / BLOCK_PX)))
+        names = [temporary.with_name(f"level-{k}.tif") for k in range(levels + 1)]
+        place = {"crs": grid.crs_wkt or LOCAL_CRS_WKT, "transform": rasterio.Affine(*grid.transform)}
+        with draft_dataset(names[0], _profile(spec, grid.width, grid.height) | place) as out:
             out.dataset.update_tags(**tags)
             for number, band in enumerate(spec.bands, start=1):
                 out.dataset.set_band_description(number, band.name)
@@ -99,14 +102,49 @@ def write_layer(
             for done, window in enumerate(strips(grid.width, grid.height), start=1):
                 out.write(source.read(layer, window), window)
                 on_window(done)
-        options = {
-            "BLOCKSIZE": str(BLOCK_PX), "COMPRESS": "DEFLATE", "LEVEL": "6", "PREDICTOR": "YES",
-            "OVERVIEWS": "IGNORE_EXISTING", "OVERVIEW_RESAMPLING": "AVERAGE" if spec.averaged else "NEAREST",
-            "BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS",
-        }  # fmt: skip
-        rasterio.shutil.copy(str(draft), str(temporary), driver="COG", **options)
-        draft.unlink()
+        for finer, coarser in pairwise(names):
+            _write_overview(finer, coarser, spec)
+        write_cog([d.as_kind(REDUCED if k else 0) for k, n in enumerate(names) for d in read_directories(n)], temporary)
+        for name in names:
+            name.unlink()
     give_back_memory()
+
+
+def _profile(spec: LayerSpec, width: int, height: int) -> dict[str, Any]:
+    return {
+        "width": width, "height": height, "count": len(spec.bands), "dtype": spec.dtype, "nodata": spec.nodata,
+        "compress": "DEFLATE", "zlevel": 6, "predictor": 3 if spec.dtype == "float32" else 2,
+        "num_threads": str(usable_cpus()),
+    }  # fmt: skip
+
+
+def _write_overview(finer: Path, coarser: Path, spec: LayerSpec) -> None:
+    """Write the next level of a layer, block by block: GDAL's own overviews take memory that grows with the map."""
+    with (
+        warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning),
+        rasterio.open(finer) as source,
+        draft_dataset(coarser, _profile(spec, -(-source.width // 2), -(-source.height // 2))) as out,
+    ):
+        for row in range(0, out.dataset.height, BLOCK_PX):
+            for col in range(0, out.dataset.width, BLOCK_PX):
+                width, height = min(BLOCK_PX, out.dataset.width - col), min(BLOCK_PX, out.dataset.height - row)
+                there = min(2 * width, source.width - 2 * col), min(2 * height, source.height - 2 * row)
+                fine = np.full((source.count, 2 * height, 2 * width), spec.nodata, dtype=spec.dtype)
+                fine[:, : there[1], : there[0]] = source.read(window=RasterWindow(2 * col, 2 * row, *there))
+                out.write(halved(fine, averaged=spec.averaged), Window(col, row, width, height))
+
+
+def halved(values: npt.NDArray[Any], *, averaged: bool) -> npt.NDArray[Any]:
+    """``(bands, h, w)`` of ``(bands, 2 h, 2 w)``: the first of each four, or the mean of those of them that are known.
+
+    Unknown is NaN.
+    """
+    four = [values[:, i::2, j::2] for i in (0, 1) for j in (0, 1)]
+    if not averaged:
+        return four[0]
+    known = np.sum([np.isfinite(v) for v in four], axis=0)
+    total = np.sum([np.nan_to_num(v, nan=0.0) for v in four], axis=0)
+    return np.divide(total, known, out=np.full_like(total, np.nan), where=known > 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,7 @@
 """Layers as rasters: on the map's exact grid, lossless, units in their tags, the nearest pixel in another CRS."""
 
+import warnings
+
 import numpy as np
 import pytest
 import rasterio
@@ -61,6 +63,27 @@ def test_overviews_never_mix_frames(tmp_path):
     by_layer = dict(zip(Layer, files, strict=True))
     with rasterio.open(by_layer[Layer.SOURCE_FRAME], overview_level=0) as raster:
         assert set(np.unique(raster.read())) <= set(np.unique(whole(Layer.SOURCE_FRAME)))
+
+
+def test_overviews_are_every_other_pixel_or_the_mean_of_what_is_known(tmp_path):
+    """A twin: the whole layer, halved at once; its sides are odd at the second level."""
+    files = write_layers(Made(MapGrid(UTM, 476_000.0, 5_890_700.0, 0.25, 2053, 1027)), tmp_path / "layers")
+    for layer, path in zip(Layer, files, strict=True):
+        with rasterio.open(path) as raster:
+            values, counts = raster.read().astype(float), raster.overviews(1)
+        assert counts == [2, 4, 8]
+        values[values == LAYERS[layer].nodata] = np.nan
+        for level in range(3):
+            tall, wide = -(-values.shape[1] // 2), -(-values.shape[2] // 2)
+            padded = np.full((len(values), 2 * tall, 2 * wide), np.nan)
+            padded[:, : values.shape[1], : values.shape[2]] = values
+            four = padded.reshape(len(values), tall, 2, wide, 2)
+            with np.errstate(invalid="ignore"), warnings.catch_warnings(action="ignore"):
+                values = np.nanmean(four, axis=(2, 4)) if LAYERS[layer].averaged else four[:, :, 0, :, 0]
+            with rasterio.open(path, overview_level=level) as raster:
+                got = raster.read().astype(float)
+            got[got == LAYERS[layer].nodata] = np.nan
+            assert np.allclose(got, values, rtol=1e-5, equal_nan=True)
 
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:3857"])
