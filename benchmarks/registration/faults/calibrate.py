@@ -28,7 +28,7 @@ from photomap_gis.ifmi.frames.drawn import drawn_out
 from photomap_gis.ifmi.frames.rescue import register_part
 from photomap_gis.ifmi.frames.rows import RowMotion, row_motion
 
-FAULTY = (Kind.BLOCKS, Kind.TORN)
+FAULTY = (Kind.BLOCKS, Kind.TORN, Kind.BLURRED)
 SOUND = (Sound.STRANGERS, Sound.PHOTOS, Sound.REAL, Sound.REPEATS, Sound.EDGES, Sound.TILT, Sound.BARE, Sound.CODED)
 STRANGERS_TIMES = 4
 NEAREST = 5
@@ -72,6 +72,7 @@ WITNESSES = (
     Witness("smeared, other ground", doubts.STRANGE_SMEAR, _of_strangers, lambda s: s.doubt.smeared),
     Witness("blocky, other ground", doubts.STRANGE_BLOCKS, _of_strangers, lambda s: s.doubt.blocky),
     Witness("cornered, other ground", doubts.STRANGE_CORNERS, _of_strangers, lambda s: s.doubt.cornered),
+    Witness("blurred, other ground", registered.BELIEVED_DOUBT, _of_strangers, lambda s: s.doubt.blurred),
     Witness("torn, other ground", doubts.STRANGE_TEAR, _of_strangers, lambda s: s.doubt.torn),
     Witness("probability: the same ground", registered.KIN_PROBABILITY, lambda s: not s.accepted and (
         s.case.faulty or s.case.kind == Sound.STRANGERS), lambda s: s.found.probability),

@@ -35,7 +35,7 @@ SUSPECT_DOUBT = 0.9
 """How faulty a frame is that the decoder complained of: what does not fit is then no car."""
 KIN_PROBABILITY = 0.1
 """A registration that is not believed, but not quite out of the question either, shows the same ground."""
-DRAWN_OUT = 0.6
+DRAWN_OUT = 0.7
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
 MOST_STRETCHED = 1.4

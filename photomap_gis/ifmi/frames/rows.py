@@ -34,7 +34,7 @@ LIKER = 0.2
 """So much better than upright must slanted rows fit, and rows at one lag than at another."""
 SAME_ROW_PX = 1
 NEAR_PX = 2
-LEAST_WINDOWS = 2
+LEAST_WINDOWS = 3
 LEAST_SLANTED = 3
 LEAST_STEP = 0.04
 """Of the width: what tilt and relief may leave between one window and the next is less."""
