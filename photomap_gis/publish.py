@@ -24,7 +24,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-_SCRATCH_PREFIX = ".photomap-"
+SCRATCH_PREFIX = ".photomap-"
 _CLAIM = ".claim"
 _OLD_S = 24 * 3600.0  # a scratch folder that nobody claims is given up after a day
 _NEARLY_FULL_BYTES = 4 << 20
@@ -115,10 +115,13 @@ def _scratch_beside(path: Path, failures: Failures) -> Iterator[Path]:
         raise OutputError(f"{path} cannot be written: the folder {parent} does not exist; create it or choose another")
     with output_errors(path, failures=failures):
         remove_leftovers(parent)
-        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH_PREFIX, dir=parent))
+        folder = Path(tempfile.mkdtemp(prefix=SCRATCH_PREFIX, dir=parent))
         owner = _claim(folder, path.name)
         try:
             yield folder
+        except OutputError as error:  # what lies in the scratch folder is told of by the name that the user gave
+            text = str(error).replace(str(folder / path.name), str(path)).replace(str(folder / "new"), str(path))
+            raise OutputError(text.replace(str(folder), str(path))) from error
         finally:
             if owner is not None:
                 os.close(owner)
@@ -130,7 +133,7 @@ def remove_leftovers(parent: Path) -> None:
 
     A run that was killed while it put a folder in the place of an old one has taken that away: it is put back.
     """
-    for scratch in parent.glob(f"{_SCRATCH_PREFIX}*"):
+    for scratch in parent.glob(f"{SCRATCH_PREFIX}*"):
         if scratch.is_symlink() or not scratch.is_dir() or not _is_abandoned(scratch):
             continue
         with contextlib.suppress(OSError, UnicodeDecodeError):

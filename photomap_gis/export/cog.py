@@ -8,6 +8,7 @@ a library that takes a fifth of the time of GDAL's for the same size; the other 
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -85,13 +86,20 @@ def pack_cog(
     top = max(0, math.ceil(math.log2(max(g.width, g.height) / BLOCK_PX)))
     pyramid = Pyramid(source, Window(0, 0, g.width, g.height), top, 0, None, BLOCK_PX, _BRANCH_PX)
     names = [path.with_name(f"level-{k}.tif") for k in range(top + 1)]
+    written: list[TileKey] = []
     with contextlib.ExitStack() as stack:
         levels = [stack.enter_context(_level(n, g, k, packing, crs_wkt, tags)) for k, n in enumerate(names)]
         if packing.compression not in _PACKED_HERE:
             for tile in pyramid.made(_itself, on_progress):
                 _write_tile(levels[top - tile.key.zoom], tile)
+                written.append(tile.key)
     blocks = path.with_name("blocks")
     pictures = [_as_overview(read_directories(name), k) for k, name in enumerate(names)]
+    for key in written:
+        level = top - key.zoom
+        # GDAL writes the last blocks when it closes a file, and nobody is told if the disk does not take them
+        if not pictures[level][0].counts[key.y * -(-g.width // (BLOCK_PX << level)) + key.x]:
+            raise OSError(errno.EIO, "not all of it reached the disk, which may be full")
     if packing.compression in _PACKED_HERE:
         pictures = _packed(pyramid, pictures, blocks, packing, on_progress)
     directories = [d for level in pictures for d in level]

@@ -21,11 +21,12 @@ from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, Bounds, clipped
 from photomap_gis.export.crs import WEB_MERCATOR, parse_crs, same_crs
 from photomap_gis.export.encode import TileChoice, TileFormat, parse_tile_choice
+from photomap_gis.export.pieces import EncodedTile, kept_pieces
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.pyramid import Pyramid
 from photomap_gis.export.sqlite import check_tiles, new_database
 from photomap_gis.export.warp import Resampler, ground_pixel_m, target_grid
-from photomap_gis.export.webtiles import EncodedTile, OnProgress, encoded_tiles, plan_web_tiles
+from photomap_gis.export.webtiles import OnProgress, encoded_tiles, plan_web_tiles
 from photomap_gis.export.words import MapWords
 
 _APPLICATION_ID, _VERSION = 0x47504B47, 10300  # "GPKG", 1.3.0
@@ -78,25 +79,30 @@ def write_geopackage(
     image_format: str = "auto",
     quality: int | None = None,
     words: MapWords = _NO_WORDS,
+    source_key: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> int:
     """Write the map as a table of tiles and return how many there are.
 
     ``image_format``: ``auto`` is mixed, JPG where a tile is opaque and PNG at the map's border, as the standard allows;
-    png keeps every pixel; webp is an extension of the standard. ``pixel_size`` is in units of ``crs``.
+    png keeps every pixel; webp is an extension of the standard. ``pixel_size`` is in units of ``crs``. ``source_key``
+    is as in ``write_tiles``.
     """
     path = Path(path).absolute()
     choice = parse_tile_choice(image_format, auto=TileChoice.MIXED)
     layout = _layout(clipped(source, area), crs, pixel_size, area)
     count, stored = 0, set()
     with (
+        kept_pieces(
+            path, source_key, layout.pyramid, choice, quality, layout.crs_wkt, layout.pixel, layout.matrix_bounds
+        ) as pieces,
         file_in_place_of(path, lambda p: check_tiles(p, path, "map", count)) as temporary,
         new_database(temporary, path) as db,
     ):
         db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
         db.execute(f"PRAGMA user_version = {_VERSION}")
         db.executescript(_SCHEMA)
-        for tile in encoded_tiles(layout.pyramid, choice, quality, on_progress):
+        for tile in encoded_tiles(layout.pyramid, choice, quality, on_progress, pieces):
             _insert(db, tile)
             stored.add(tile.format)
             count += 1

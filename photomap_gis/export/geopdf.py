@@ -30,7 +30,9 @@ from photomap_gis.export.words import MapWords
 
 MAX_SIDE_PX = 10_000
 """What phones can still show."""
-_LONG_SIDE_POINTS = 1191.0  # A2: 594 mm
+_DPI = 300  # of print; on pages from A4 to A2
+_LONG_SIDE_POINTS = (842.0, 1684.0)
+_LEAST_DPI = 72
 _FONT_SHARE = 0.018  # of the picture's width
 _QUALITY = 85
 _NO_WORDS = MapWords()
@@ -61,14 +63,12 @@ def write_geopdf(
         draft = temporary.with_name("draft.tif")
         # on white: what was not seen is paper, and readers on phones are slow with soft masks
         foot = _stamp(grid.width, words)
-        write_draft(source, draft, opaque=True, tags=_tags(words), foot=foot, on_progress=on_progress)
-        # A point is 1/72 inch: this many pixels an inch bring the longer side to A2's, smaller maps to less.
-        dpi = max(72, round(max(grid.width, grid.height) / _LONG_SIDE_POINTS * 72.0))
+        write_draft(source, draft, opaque=True, tags=_tags(words, grid), foot=foot, on_progress=on_progress)
         how = {
             "GEO_ENCODING": "ISO32000",
             "COMPRESS": "JPEG",
             "JPEG_QUALITY": str(quality or _QUALITY),
-            "DPI": str(dpi),
+            "DPI": str(_dpi(max(grid.width, grid.height))),
         }
         with rasterio.Env(GDAL_PAM_ENABLED=False):
             rasterio.shutil.copy(str(draft), str(temporary), driver="PDF", **how)
@@ -78,9 +78,19 @@ def write_geopdf(
     return grid
 
 
-def _tags(words: MapWords) -> dict[str, str]:
-    """Return what GDAL writes into the document's information."""
+def _dpi(long_side_px: int) -> int:
+    """Return how many pixels an inch has, so that the page is one to print: a point is 1/72 inch."""
+    least, most = _LONG_SIDE_POINTS
+    points = min(most, max(least, 72.0 * long_side_px / _DPI))
+    return max(_LEAST_DPI, round(72.0 * long_side_px / points))
+
+
+def _tags(words: MapWords, grid: MapGrid) -> dict[str, str]:
+    """Return what GDAL writes into the document's information, and the neatline: the map without the strip below."""
+    west, south, east, north = grid.bounds
+    ring = [(west, north), (west, south), (east, south), (east, north), (west, north)]
     tags = {
+        "NEATLINE": f"POLYGON (({','.join(f'{x:.9f} {y:.9f}' for x, y in ring)}))",
         "TITLE": words.title,
         "SUBJECT": words.paragraph,
         "AUTHOR": words.attribution,

@@ -30,7 +30,7 @@ from photomap_gis.export.pixel_grid import AffineGrid
 from photomap_gis.export.pixels import Rgba
 from photomap_gis.export.publish import file_in_place_of, folder_in_place_of
 from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
-from photomap_gis.export.warp import Resampler, ground_pixel_m, pixel_steps
+from photomap_gis.export.warp import Resampler, check_size, ground_pixel_m, pixel_steps
 from photomap_gis.export.words import MapWords
 
 _TILE_PX = 256
@@ -93,6 +93,7 @@ def _plan(source: TileSource, gsd_m: float | None, area: Area | None) -> Pyramid
     if gsd_m is not None:
         step_x, step_y = (v * gsd_m / ground_pixel_m(source.grid) for v in (step_x, step_y))
     width, height = math.ceil((east - west) / step_x - 1e-6), math.ceil((north - south) / step_y - 1e-6)
+    check_size((width, height), source.grid, f"a KML of {gsd_m:g} m a pixel" if gsd_m is not None else "a KML")
     levels = max(0, math.ceil(math.log2(max(width, height) / _TILE_PX)))
     side = _TILE_PX << levels
     grid = AffineGrid(wgs84, (step_x, 0.0, west, 0.0, -step_y, north), side, side)

@@ -15,17 +15,15 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 import rasterio.shutil
-from rasterio.windows import Window as RasterWindow
 
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.layer import LAYERS, Layer, LayerSource, empty
 from photomap_gis.export.crs import needs_place, point_map, same_crs
+from photomap_gis.export.draft import BLOCK_PX, draft_dataset, strips
 from photomap_gis.export.geotiff import (
     LOCAL_CRS_WKT,
     NOT_GEOREFERENCED,
     check_cog,
-    draft_dataset,
-    strips,
 )
 from photomap_gis.export.publish import file_in_place_of, folder_in_place_of
 from photomap_gis.export.warp import lattice
@@ -33,7 +31,6 @@ from photomap_gis.parallel import give_back_memory
 
 OnProgress = Callable[[int, int], None]
 
-_BLOCK_PX = 512
 _CACHE_BYTES = 32 << 20  # blocks are written once and read once, in the same order
 
 
@@ -95,15 +92,15 @@ def write_layer(
     ):
         draft = temporary.with_name("draft.tif")
         with draft_dataset(draft, profile) as out:
-            out.update_tags(**tags)
+            out.dataset.update_tags(**tags)
             for number, band in enumerate(spec.bands, start=1):
-                out.set_band_description(number, band.name)
-                out.set_band_unit(number, band.unit)
+                out.dataset.set_band_description(number, band.name)
+                out.dataset.set_band_unit(number, band.unit)
             for done, window in enumerate(strips(grid.width, grid.height), start=1):
-                out.write(source.read(layer, window), window=RasterWindow(*window))
+                out.write(source.read(layer, window), window)
                 on_window(done)
         options = {
-            "BLOCKSIZE": str(_BLOCK_PX), "COMPRESS": "DEFLATE", "LEVEL": "6", "PREDICTOR": "YES",
+            "BLOCKSIZE": str(BLOCK_PX), "COMPRESS": "DEFLATE", "LEVEL": "6", "PREDICTOR": "YES",
             "OVERVIEWS": "IGNORE_EXISTING", "OVERVIEW_RESAMPLING": "AVERAGE" if spec.averaged else "NEAREST",
             "BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS",
         }  # fmt: skip

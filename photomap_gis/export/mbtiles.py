@@ -8,6 +8,7 @@ from photomap_gis.core.errors import OutputError
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.encode import parse_tile_choice
+from photomap_gis.export.pieces import kept_pieces
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.sqlite import check_tiles, new_database
 from photomap_gis.export.webtiles import OnProgress, plan_web_tiles
@@ -37,12 +38,13 @@ def write_mbtiles(
     image_format: str = "auto",
     quality: int | None = None,
     words: MapWords = _NO_WORDS,
+    source_key: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> int:
     """Write the MBTiles file and return how many tiles it holds.
 
     One format for all tiles, as the specification wants: ``image_format`` is png, jpg or webp; ``auto`` is png. Rows
-    are counted from the **south** (TMS).
+    are counted from the **south** (TMS). ``source_key`` is as in ``write_tiles``.
     """
     path = Path(path).absolute()
     choice = parse_tile_choice(image_format, mixed=False)
@@ -65,19 +67,20 @@ def write_mbtiles(
     }
     count = 0
     with (
+        kept_pieces(path, source_key, plan.pyramid, choice, quality) as pieces,
         file_in_place_of(path, lambda p: check_tiles(p, path, "tiles", count)) as temporary,
         new_database(temporary, path) as db,
     ):
         db.executescript(_SCHEMA)
         db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
         db.executemany("INSERT INTO metadata VALUES (?, ?)", metadata.items())
-        for tile in plan.encoded(choice, quality, on_progress):
+        for tile in plan.encoded(choice, quality, on_progress, pieces):
             key = tile.key
             row = (1 << key.zoom) - 1 - key.y
             db.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (key.zoom, key.x, row, tile.data))
             count += 1
         if count == 0:
-            raise OutputError(f"{path} was not written: the map shows nothing")
+            raise OutputError(f"{path} was not written: the map shows nothing at zooms {plan.zooms}")
         db.commit()
         db.executescript(_INDEXES)
     return count

@@ -23,8 +23,9 @@ from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.grid import Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.crs import bounds_in, needs_place, same_crs
+from photomap_gis.export.draft import Draft, draft_dataset, strips
 from photomap_gis.export.footprint import feature_collection, outline_of, to_wgs84, write_geojson
-from photomap_gis.export.geotiff import SIDE_SUFFIXES, bounded_cache, check_cog, draft_dataset, draft_to_cog, strips
+from photomap_gis.export.geotiff import SIDE_SUFFIXES, bounded_cache, check_cog, draft_to_cog
 from photomap_gis.export.old_raster import (
     BandRoles,
     Radiometry,
@@ -93,7 +94,7 @@ def write_over(
         with file_in_place_of(out_path, lambda p: _check(p, out_path, old), side_suffixes=SIDE_SUFFIXES) as temporary:
             draft = temporary.with_name("draft.tif")
             with draft_dataset(draft, _profile(old)) as out:
-                _copy_words(old, out, date, ce90_m)
+                _copy_words(old, out.dataset, date, ce90_m)
                 replaced_px, outline = _lay_over(overlay, old, out, on_progress)
             if replaced_px == 0:
                 raise DataError(f"the map does not overlap {old_path}: nothing to replace")
@@ -197,7 +198,7 @@ def _copy_words(old: Any, out: Any, date: Date | str | None, ce90_m: float | Non
         out.update_tags(band, **{k: v for k, v in old.tags(band).items() if not k.startswith(_STALE_TAGS)})
 
 
-def _lay_over(overlay: _Overlay, old: Any, out: Any, on_progress: OnProgress | None) -> tuple[int, MultiPolygon]:
+def _lay_over(overlay: _Overlay, old: Any, out: Draft, on_progress: OnProgress | None) -> tuple[int, MultiPolygon]:
     """Stream the old raster to ``out`` with the new map over it; return pixels replaced and their outline."""
     near = overlay.window
     # Outline cells must not straddle windows: a power of two up to the blocks' side.
@@ -215,9 +216,9 @@ def _lay_over(overlay: _Overlay, old: Any, out: Any, on_progress: OnProgress | N
             seen = _blend(overlay, window, bands, mask, old.nodatavals)
             count += int(seen.sum())
             _note(replaced, seen, window, (col0, row0), cell)
-        out.write(bands, window=place)
+        out.write(bands, window)
         if overlay.roles.has_mask:
-            out.write_mask(mask, window=place)
+            out.write_mask(mask, window)
         if on_progress is not None:
             on_progress(done, total)
     a, b, c, d, e, f = overlay.grid.transform

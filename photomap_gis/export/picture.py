@@ -24,11 +24,12 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window as RasterWindow
 
 from photomap_gis.core.errors import DataError, OutputError, UsageError
-from photomap_gis.core.grid import MapGrid
+from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.cog import planes_of
-from photomap_gis.export.geotiff import bounded_cache, draft_dataset, strips
+from photomap_gis.export.draft import draft_dataset, strips
+from photomap_gis.export.geotiff import bounded_cache
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.warp import target_grid, warped
 from photomap_gis.export.words import MapWords
@@ -118,14 +119,14 @@ def write_draft(
         profile["alpha"] = "UNSPECIFIED"
     windows = list(strips(grid.width, grid.height))
     with draft_dataset(draft, profile) as out:
-        out.update_tags(**(tags or {}))
+        out.dataset.update_tags(**(tags or {}))
         if foot is not None:
-            out.write(foot.transpose(2, 0, 1), window=RasterWindow(0, grid.height, grid.width, below))
+            out.write(foot.transpose(2, 0, 1), Window(0, grid.height, grid.width, below))
         if not opaque:
-            out.colorinterp = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
+            out.dataset.colorinterp = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
         for done, window in enumerate(windows, start=1):
             rgba = source.read(window)
-            out.write(_on_white(rgba) if opaque else planes_of(rgba), window=RasterWindow(*window))
+            out.write(_on_white(rgba) if opaque else planes_of(rgba), window)
             if on_progress is not None:
                 on_progress(done, len(windows) + 1)
 

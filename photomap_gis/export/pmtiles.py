@@ -10,15 +10,16 @@ import gzip
 import hashlib
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from photomap_gis.core.errors import OutputError
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.encode import TileFormat, parse_tile_choice
+from photomap_gis.export.pieces import EncodedTile, kept_pieces
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.pyramid import TileKey
 from photomap_gis.export.webtiles import OnProgress, WebTiles, plan_web_tiles
@@ -52,18 +53,25 @@ def write_pmtiles(
     image_format: str = "auto",
     quality: int | None = None,
     words: MapWords = _NO_WORDS,
+    source_key: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> int:
-    """Write the archive and return how many tiles it holds; one ``image_format`` (png, webp, jpg; auto is png)."""
+    """Write the archive and return how many tiles it holds; one ``image_format`` (png, webp, jpg; auto is png).
+
+    ``source_key`` is as in ``write_tiles``.
+    """
     path = Path(path).absolute()
     choice = parse_tile_choice(image_format, mixed=False)
     plan = plan_web_tiles(
         clipped(source, area), "PMTiles", min_zoom=min_zoom, max_zoom=max_zoom, gsd_m=gsd_m, area=area
     )
-    with file_in_place_of(path, lambda p: _check(p, path)) as temporary:
+    with (
+        kept_pieces(path, source_key, plan.pyramid, choice, quality) as pieces,
+        file_in_place_of(path, lambda p: _check(p, path)) as temporary,
+    ):
         pool = temporary.with_name("tiles")
         with pool.open("wb") as file:
-            entries = _spool(plan, file, choice, quality, on_progress)
+            entries = _spool(plan.encoded(choice, quality, on_progress, pieces), file)
         if not entries:
             raise OutputError(f"{path} was not written: the map shows nothing")
         with pool.open("rb") as tiles, temporary.open("wb") as out:
@@ -93,11 +101,11 @@ def tile_id(key: TileKey) -> int:
     return place
 
 
-def _spool(plan: WebTiles, file: IO[bytes], choice: Any, quality: int | None, on_progress: Any) -> list[Entry]:
+def _spool(tiles: Iterator[EncodedTile], file: IO[bytes]) -> list[Entry]:
     """Write every tile once, as they are made; return where each lies, in order of their numbers."""
     known: dict[bytes, tuple[int, int]] = {}
     entries, end = [], 0
-    for tile in plan.encoded(choice, quality, on_progress):
+    for tile in tiles:
         digest = hashlib.blake2b(tile.data, digest_size=16).digest()
         place = known.get(digest)
         if place is None:

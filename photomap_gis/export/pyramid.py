@@ -49,6 +49,18 @@ class Reader(Protocol):
         ...
 
 
+class Kept(Protocol[MadeT]):
+    """Finished branches that outlive a killed run; called in several threads."""
+
+    def find(self, key: TileKey) -> tuple[list[MadeT], Rgba | None] | None:
+        """Return what a branch gave and its top's pixels, ``None`` where it is not kept."""
+        ...
+
+    def keep(self, key: TileKey, made: list[MadeT], top: Rgba | None) -> None:
+        """Keep a branch."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Pyramid:
     """A quad tree of tiles over ``extent``, a window of the finest level's pixels.
@@ -84,18 +96,30 @@ class Pyramid:
         """Yield every tile that shows something, children before their parent."""
         return self.made(_itself)
 
-    def made(self, make: Callable[[Tile], MadeT], on_progress: OnProgress | None = None) -> Iterator[MadeT]:
+    def made(
+        self,
+        make: Callable[[Tile], MadeT],
+        on_progress: OnProgress | None = None,
+        kept: Kept[MadeT] | None = None,
+    ) -> Iterator[MadeT]:
         """Yield ``make(tile)`` for every tile that shows something, children before their parent.
 
         ``make`` is called in several threads. ``on_progress`` counts tiles of the finest level, empty ones too.
+        Branches that are ``kept`` are not made again.
         """
         branch_zoom = self._branch_zoom()
         keys = [key for root in self.keys(self.min_zoom) for key in self._below(root, branch_zoom)]
         total, done = self.leaf_count, 0
 
         def branch(key: TileKey) -> tuple[list[MadeT], Rgba | None]:
+            known = None if kept is None else kept.find(key)
+            if known is not None:
+                return known
             made: list[MadeT] = []
-            return made, self._branch(key, lambda tile: made.append(make(tile)))
+            top = self._branch(key, lambda tile: made.append(make(tile)))
+            if kept is not None:
+                kept.keep(key, made, top)
+            return made, top
 
         def taken() -> Iterator[tuple[list[MadeT], Rgba | None]]:
             nonlocal done

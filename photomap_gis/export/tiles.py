@@ -17,6 +17,7 @@ from photomap_gis.core.errors import OutputError
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.encode import TileChoice, parse_tile_choice
+from photomap_gis.export.pieces import kept_pieces
 from photomap_gis.export.publish import folder_in_place_of
 from photomap_gis.export.webtiles import TILE_PX, OnProgress, WebTiles, plan_web_tiles
 from photomap_gis.export.words import MapWords
@@ -38,6 +39,7 @@ def write_tiles(
     quality: int | None = None,
     tms: bool = False,
     words: MapWords = _NO_WORDS,
+    source_key: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> int:
     """Write the folder of tiles and return how many there are.
@@ -45,6 +47,7 @@ def write_tiles(
     Clients know one suffix for all tiles: ``image_format`` is png, webp or jpg; ``auto`` is png, which keeps what was
     not seen transparent and opens in every client. ``mixed`` is JPG where a tile is opaque and PNG elsewhere, under
     the suffix png: browsers and GIS look at the bytes. A folder that an earlier export wrote is replaced in whole.
+    Where ``source_key`` names the map's pixels, a long export that was killed is continued by the next one like it.
     """
     folder = Path(folder).absolute()
     choice = parse_tile_choice(image_format)
@@ -53,9 +56,12 @@ def write_tiles(
     )
     document = _tile_json(plan, choice, tms, words)
     count = 0
-    with folder_in_place_of(folder, ours=_is_ours) as fresh:
+    with (
+        kept_pieces(folder, source_key, plan.pyramid, choice, quality) as pieces,
+        folder_in_place_of(folder, ours=_is_ours) as fresh,
+    ):
         made: set[Path] = set()
-        for tile in plan.encoded(choice, quality, on_progress):
+        for tile in plan.encoded(choice, quality, on_progress, pieces):
             zoom, x, y = tile.key
             column = fresh / str(zoom) / str(x)
             if column not in made:
@@ -67,7 +73,7 @@ def write_tiles(
                 raise OutputError(f"{folder} cannot be written: a tile is cut short; check the disk")
             count += 1
         if count == 0:
-            raise OutputError(f"{folder} was not written: the map shows nothing")
+            raise OutputError(f"{folder} was not written: the map shows nothing at zooms {plan.zooms}")
         if tms:
             (fresh / "tilemapresource.xml").write_text(_tile_map_resource(plan, choice, words), encoding="utf-8")
         (fresh / "tiles.json").write_text(json.dumps(document, indent=2, ensure_ascii=False), encoding="utf-8")

@@ -81,6 +81,8 @@ def write_vectors(
     if area is not None:
         layers = [_touching(layer, area.geometry_in(crs_wkt)) for layer in layers]
     layers = [layer for layer in layers if layer.geometries]
+    if not layers and area is not None:
+        raise UsageError(f"{path} was not written: nothing of the flight lies within --bbox or --cutline")
     if not layers:
         raise OutputError(f"{path} was not written: there is nothing to show, no frame has a place")
     if suffix != ".gpkg":

@@ -31,6 +31,8 @@ _LATTICE_PX = 64
 _LATTICE_TOLERANCE_PX = 0.01
 _SAME_PX = 1e-4  # grids that differ by less than this part of a pixel are one
 _MAX_SIDE_PX = 2_000_000_000
+_MOST_EMPTY_PX = 1_000_000_000  # a map may have more pixels than this, but not where most of them are made up
+_MOST_TIMES = 256
 AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 Coordinates = npt.NDArray[np.float32]
 _CROSS = np.array([[-0.5, 0.0], [0.5, 0.0], [0.0, -0.5], [0.0, 0.5]])
@@ -58,6 +60,16 @@ def target_grid(
     """
     grid = _whole_grid(source_grid, crs, pixel_size)
     return grid if area is None else cut_grid(grid, area.cut(grid.bounds, grid.crs_wkt))
+
+
+def check_size(size_wh: tuple[int, int], source_grid: MapGrid, what: str) -> None:
+    """Raise ``UsageError`` where ``what`` asks for far more pixels than a map has: hours of work for no detail."""
+    pixels, own = size_wh[0] * size_wh[1], source_grid.width * source_grid.height
+    if max(size_wh) > _MAX_SIDE_PX or pixels > max(_MOST_EMPTY_PX, _MOST_TIMES * own):
+        raise UsageError(
+            f"{what} makes {size_wh[0]} x {size_wh[1]} pixels of a map of {source_grid.width} x {source_grid.height}, "
+            "which holds no more detail: choose larger ones"
+        )
 
 
 def ground_pixel_m(grid: MapGrid) -> float:
@@ -94,10 +106,7 @@ def _whole_grid(source_grid: MapGrid, crs: str | None, pixel_size: float | None)
         return source_grid
     west, south = (math.floor(v / size + 1e-9) for v in bounds[:2])
     east, north = (math.ceil(v / size - 1e-9) for v in bounds[2:])
-    if max(east - west, north - south) > _MAX_SIDE_PX:
-        raise UsageError(
-            f"a pixel size of {size:g} makes a map of {east - west} x {north - south} pixels: choose larger"
-        )
+    check_size((east - west, north - south), source_grid, f"a pixel size of {size:g}")
     return MapGrid(
         target_wkt, west * size, north * size, size, max(1, east - west), max(1, north - south), source_grid.tile_size
     )

@@ -11,9 +11,10 @@ from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.core.mosaic import TileSource
 from photomap_gis.export.area import Area
 from photomap_gis.export.crs import WEB_MERCATOR, bounds_in, needs_place, parse_crs, same_crs
-from photomap_gis.export.encode import TileChoice, TileFormat, encode
+from photomap_gis.export.encode import TileChoice, encode
+from photomap_gis.export.pieces import EncodedTile, Pieces
 from photomap_gis.export.pyramid import Pyramid, Tile, TileKey
-from photomap_gis.export.warp import Resampler, ground_pixel_m, pixel_steps
+from photomap_gis.export.warp import Resampler, check_size, ground_pixel_m, pixel_steps
 
 TILE_PX = 256
 _HALF_WORLD_M = math.pi * 6378137.0
@@ -22,15 +23,6 @@ _ZOOMS_BELOW_ONE_TILE = 4
 _LATITUDE_LIMIT_M = _HALF_WORLD_M * (1 + 1e-9)
 
 OnProgress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EncodedTile:
-    """A tile as it is stored; its row is counted from the north."""
-
-    key: TileKey
-    format: TileFormat
-    data: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +35,11 @@ class WebTiles:
     bounds_deg: tuple[float, float, float, float]
 
     @property
+    def zooms(self) -> str:
+        """The zooms as words for errors."""
+        return f"{self.min_zoom} to {self.max_zoom}"
+
+    @property
     def centre(self) -> tuple[float, float, int]:
         """Longitude, latitude, and a zoom at which the map fills a small window."""
         west, south, east, north = self.bounds_deg
@@ -50,17 +47,25 @@ class WebTiles:
         return ((west + east) / 2.0, (south + north) / 2.0, zoom)
 
     def encoded(
-        self, choice: TileChoice, quality: int | None = None, on_progress: OnProgress | None = None
+        self,
+        choice: TileChoice,
+        quality: int | None = None,
+        on_progress: OnProgress | None = None,
+        pieces: Pieces | None = None,
     ) -> Iterator[EncodedTile]:
         """Yield every tile's bytes (row from the north), children before parents."""
-        for tile in encoded_tiles(self.pyramid, choice, quality, on_progress):
+        for tile in encoded_tiles(self.pyramid, choice, quality, on_progress, pieces):
             # Across the antimeridian columns run on beyond the last: there they start again from the west.
             key = TileKey(tile.key.zoom, tile.key.x % (1 << tile.key.zoom), tile.key.y)
             yield EncodedTile(key, tile.format, tile.data)
 
 
 def encoded_tiles(
-    pyramid: Pyramid, choice: TileChoice, quality: int | None = None, on_progress: OnProgress | None = None
+    pyramid: Pyramid,
+    choice: TileChoice,
+    quality: int | None = None,
+    on_progress: OnProgress | None = None,
+    pieces: Pieces | None = None,
 ) -> Iterator[EncodedTile]:
     """Yield the tiles of any pyramid as they are stored, children before parents; made and encoded on all cores."""
 
@@ -68,7 +73,7 @@ def encoded_tiles(
         tile_format = choice.of(tile.rgba)
         return EncodedTile(tile.key, tile_format, encode(tile.rgba, tile_format, quality))
 
-    return pyramid.made(make, on_progress)
+    return pyramid.made(make, on_progress, pieces)
 
 
 def plan_web_tiles(
@@ -107,6 +112,7 @@ def plan_web_tiles(
     left, top = (math.floor(v / size_m + 1e-6) for v in (west + _HALF_WORLD_M, _HALF_WORLD_M - north))
     right, bottom = (math.ceil(v / size_m - 1e-6) for v in (east + _HALF_WORLD_M, _HALF_WORLD_M - south))
     extent = Window(left, top, max(1, right - left), max(1, bottom - top))
+    check_size((extent.width, extent.height), source.grid, f"zoom {finest} of {what}")
     one_tile = leaf - math.ceil(math.log2(max(1.0, max(extent.width, extent.height) / TILE_PX)))
     widest = (
         max(0, min(finest, one_tile - _ZOOMS_BELOW_ONE_TILE)) if min_zoom is None else _checked("min_zoom", min_zoom)

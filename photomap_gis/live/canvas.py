@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -258,6 +258,24 @@ class LiveCanvas:
             dirty = sorted(self._dirty)
             self._dirty.clear()
             return [(t, (p := self._planes(t)).rgba(), p.shown.copy()) for t in dirty]
+
+    def give_back(self, tiles: Iterable[TileIndex]) -> None:
+        """Take tiles for changed again: they could not be written."""
+        with self._lock:
+            self._dirty.update(tiles)
+
+    def under(self, window: Window, stride_px: int) -> Iterator[tuple[TilePlanes, Slices, Slices]]:
+        """Yield the tiles that show something in a window: planes, and which pixels of them are which of the window.
+
+        Every ``stride_px``-th of them; the window begins at a multiple of that. For the one who writes.
+        """
+        for tile in tiles_under(window):
+            with self._lock:
+                if tile not in self._versions:
+                    continue
+                planes = self._planes(tile)
+            here, there = (tuple(slice(s.start, s.stop, stride_px) for s in part) for part in shared(window, tile))
+            yield planes, (there[0], there[1]), (here[0], here[1])
 
     def _planes(self, tile: TileIndex) -> TilePlanes:
         planes = self._tiles.get(tile)

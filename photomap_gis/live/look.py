@@ -28,10 +28,11 @@ class Witness:
     found: Registration
     doubt: float
     is_video: bool
+    is_suspect: bool
 
     def is_spoilt(self) -> bool:
         """Whether a frame that is to be pasted is spoilt in part (a few milliseconds)."""
-        told = judge_registered(self.frame, self.key, self.found, doubt=self.doubt)
+        told = judge_registered(self.frame, self.key, self.found, doubt=self.doubt, suspect=self.is_suspect)
         return (not told.ok or told.fault is not None) and (
             self.is_video or (not told.ok and told.fault in SPOILT_PHOTO)
         )

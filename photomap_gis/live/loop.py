@@ -83,7 +83,7 @@ class FlightLoop:
         """Take the next frame; ``ref`` is what is known of it. ``may_look`` allows for a look where one is due."""
         if is_video(ref) and ref.frame_number is None:
             ref = replace(ref, frame_number=frame.index)  # its pixels are kept by the mission
-        step = self.tracker.take(ref, frame.grey, frame.stream_time_s)
+        step = self.tracker.take(ref, frame.grey, frame.stream_time_s, is_suspect=frame.is_suspect)
         commands: list[Command] = []
         if step.promoted is not None:
             held = self._held
@@ -103,7 +103,8 @@ class FlightLoop:
             self._log.write(
                 "frame", n=frame.index, s=frame.stream_time_s, state=step.state.value, p=place_of(ref),
                 pose=pose_numbers(step), seg=step.segment, key=None if step.key is None else step.key.ref.index,
-                rev=self.chart.revision, why=step.reason, **({} if look is None else {"look": True}),
+                rev=self.chart.revision, why=step.reason, suspect=frame.is_suspect,
+                **({} if look is None else {"look": True}),
             )  # fmt: skip
         return step, commands
 

@@ -20,6 +20,7 @@ from photomap_gis.core.placement import FramePlacement, PlanePlacement
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.live.canvas import LiveCanvas, Sheet, TilePlanes, blend, shared, sheet_of, tiles_under
 from photomap_gis.live.lattice import TILE_PX, LiveLattice
+from photomap_gis.live.light import Light, brightened
 from photomap_gis.live.outlines import Outlines, tiles_in
 
 logger = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ class _Look:
     placement: FramePlacement
     image: ImageArray
     time_s: float
+    gain: float = 1.0
 
 
 @dataclass(slots=True, eq=False)
@@ -97,8 +99,10 @@ class Painter:
         canvas: LiveCanvas,
         pixels: Callable[[int], ImageArray],
         on_redrawn: Callable[[Redrawn], None] = lambda done: None,
+        light: Light | None = None,
     ) -> None:
         self.canvas = canvas
+        self._light = light or Light()
         self._pixels, self._on_redrawn = pixels, on_redrawn
         self._placements: dict[int, FramePlacement] = {}  # of key frames that the chart of before did not know
         self._placer: Placer | None = None
@@ -131,18 +135,21 @@ class Painter:
         sheet = self._sheet(key, image)
         if sheet is None:
             return False
-        touched = self.canvas.paste(key, sheet)
+        touched = self.canvas.paste(key, brightened(sheet, self._light.take(key, sheet, self.canvas)))
         if self._redrawing is not None and self._redrawing.tiles & set(touched):
             self._redrawing.keys.append(key)  # as kept: so will a replay draw it
         return bool(touched)
 
     def look(self, key: int, placement: FramePlacement, image: ImageArray, time_s: float) -> bool:
         """Paste a frame that hangs on a key frame and is none itself; return whether it lies on the map anywhere."""
-        self._newest_look = look = _Look(key, placement, image, time_s)
+        look = _Look(key, placement, image, time_s)
         sheet = self._sheet_of_look(look)
         if sheet is None:
+            self._newest_look = look
             return False
-        return bool(self.canvas.paste(key, sheet, is_look=True))
+        gain = self._light.measured(sheet, self.canvas)
+        self._newest_look = replace(look, gain=gain)
+        return bool(self.canvas.paste(key, brightened(sheet, gain), is_look=True))
 
     def adopt(self, placer: Placer, keys: Iterable[int], known: int = 0) -> float:
         """Take new placements over; return by how many pixels the map moves most, near the newest key frame.
@@ -186,7 +193,7 @@ class Painter:
         assert redrawing is not None
         if redrawing.keys:
             key = redrawing.keys.popleft()
-            redrawing.take(key, self._sheet(key, None, redrawing.clip))
+            redrawing.take(key, self._bright_sheet(key, redrawing.clip))
             return True
         self._finish(redrawing)
         return bool(self._stale)
@@ -196,7 +203,7 @@ class Painter:
         redrawing = _Redrawing.of(tiles, keys)
         while redrawing.keys:
             key = redrawing.keys.popleft()
-            redrawing.take(key, self._sheet(key, None, redrawing.clip))
+            redrawing.take(key, self._bright_sheet(key, redrawing.clip))
         self._finish(redrawing)
 
     def _begin(self, tiles: Sequence[TileIndex]) -> None:
@@ -215,7 +222,7 @@ class Painter:
         """Show the newest look on tiles that were drawn anew by key frames."""
         sheet = self._sheet_of_look(look, redrawing.clip)
         if sheet is not None:
-            self.canvas.paste(look.key, sheet, is_look=True)
+            self.canvas.paste(look.key, brightened(sheet, look.gain), is_look=True)
 
     def _sheet_of_look(self, look: _Look, clip: Window | None = None) -> Sheet | None:
         return sheet_of(look.placement, look.image, self.canvas.lattice, look.time_s, clip)
@@ -256,6 +263,10 @@ class Painter:
             return known
         assert self._placer is not None  # it knows all others
         return self._placer(key)
+
+    def _bright_sheet(self, key: int, clip: Window) -> Sheet | None:
+        sheet = self._sheet(key, None, clip)
+        return None if sheet is None else brightened(sheet, self._light.of(key))
 
     def _corners(self, placement: FramePlacement) -> FloatArray:
         """``(4, 2)`` the frame's corners in pixels of the lattice, clockwise from the first pixel's."""

@@ -28,6 +28,7 @@ from photomap_gis.ifmi import (
     Prior,
     Spectrum,
     judge_frame,
+    judge_registered,
     look_at,
     make_spectrum,
     register,
@@ -49,7 +50,6 @@ FOREIGN_SIGMA = 0.4
 """How far, as a share of the frame, a new segment may lie off where it is believed, at first."""
 RECENT = 48
 """Small pictures of the newest key frames that are kept in memory: a spectrum is made of one in a few milliseconds."""
-BELIEVED_DOUBT = 0.5
 FROZEN_AFTER_S = 0.5
 """A picture that repeats itself for so long is a link that froze; before that the video only stutters."""
 MOST_SPOILT = 5
@@ -71,6 +71,7 @@ class _Seen:
     look: FrameLook
     spectrum: Spectrum
     time_s: float
+    is_suspect: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,8 +118,11 @@ class Tracker:
             if self._segment == 0:
                 self._joined, self._candidates = True, []
 
-    def take(self, ref: FrameRef, grey: ImageArray, stream_time_s: float) -> Step:
-        """Return what becomes of the next frame; ``ref`` gets its number as a key frame here."""
+    def take(self, ref: FrameRef, grey: ImageArray, stream_time_s: float, *, is_suspect: bool = False) -> Step:
+        """Return what becomes of the next frame; ``ref`` gets its number as a key frame here.
+
+        ``is_suspect`` tells that the decoder lost data since the last key frame of its own.
+        """
         view = plane_view(ref)
         small, T_px_small = shrink(grey, self._size_px)
         look = look_at(small)
@@ -131,7 +135,7 @@ class Tracker:
             if self._rejected >= LONGEST_STREAK:
                 self._look, self._rejected = None, 0
             return self._waits(ref, view, FrameState.ERROR, verdict.reason)
-        seen = _Seen(ref, view, grey, small, T_px_small, look, make_spectrum(small), stream_time_s)
+        seen = _Seen(ref, view, grey, small, T_px_small, look, make_spectrum(small), stream_time_s, is_suspect)
         if self._key is None or self._last is None:
             self._accept_look(seen)
             return self._begin(seen)
@@ -143,7 +147,7 @@ class Tracker:
                 promoted = self._promote(self._last)
                 found = again
         if not found.accepted:
-            return self._lost(seen, verdict, gap)
+            return self._lost(seen, found, verdict, gap)
         self._accept_look(seen)
         return self._track(seen, found, promoted, verdict)
 
@@ -269,9 +273,14 @@ class Tracker:
             self._candidates = self._nearest(belief, seen, FEW) + self._candidates[-MANY:]
         return NewKey(ref, seen.grey, belief, segment, seen.time_s, tie)
 
-    def _lost(self, seen: _Seen, verdict: FrameVerdict, gap: bool) -> Step:
+    def _lost(self, seen: _Seen, found: Registration, verdict: FrameVerdict, gap: bool) -> Step:
         """Wait a little, then begin a new segment; a frame that looks faulty by itself begins none."""
-        if verdict.doubt > BELIEVED_DOUBT:
+        before = None if self._look is None else self._look[0]
+        if (
+            before is not None
+            and is_video(seen.ref)
+            and not judge_registered(seen.look, before, found, doubt=verdict.doubt, suspect=seen.is_suspect).ok
+        ):
             return self._waits(seen.ref, seen.view, FrameState.ERROR, "fits nowhere and looks damaged")
         if self._since_s is None:
             self._since_s = seen.time_s if not gap else seen.time_s - self._options.lost_after_s
@@ -363,7 +372,7 @@ class Tracker:
 
 
 def _witness(a: _Seen, b: _Seen, found: Registration, verdict: FrameVerdict) -> Witness:
-    return Witness(b.look, a.look, found, verdict.doubt, is_video(b.ref))
+    return Witness(b.look, a.look, found, verdict.doubt, is_video(b.ref), b.is_suspect)
 
 
 def wide_covariance(ref: FrameRef) -> FloatArray:

@@ -43,15 +43,16 @@ from photomap_gis.core.frame import GpsFix
 from photomap_gis.core.grid import MapFrame, MapGrid, Window
 from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
 from photomap_gis.export.crs import crs_label
+from photomap_gis.export.draft import draft_dataset
 from photomap_gis.export.footprint import to_wgs84, write_geojson
-from photomap_gis.export.geotiff import SIDE_SUFFIXES, bounded_cache, check_cog, draft_dataset, draft_to_cog
+from photomap_gis.export.geotiff import SIDE_SUFFIXES, bounded_cache, check_cog, draft_to_cog
 from photomap_gis.export.vectors import VectorLayer, write_empty_layer, write_vectors
 from photomap_gis.georef import choose_map_frame
 from photomap_gis.parallel import map_jobs
 from photomap_gis.pipeline.compare_values import CompareOutputs, CompareSettings, CompareSummary, LaidOn
 from photomap_gis.pipeline.reference import register_patches
 from photomap_gis.pipeline.settings import Progress
-from photomap_gis.publish import file_in_place_of, write_file
+from photomap_gis.publish import file_in_place_of, output_errors, write_file
 from photomap_gis.reference import Expected, Patch
 from photomap_gis.reference.agree import agreeing
 from photomap_gis.reference.pictures import Look, seen_as
@@ -279,7 +280,10 @@ def _look(laid: LaidPair, *, has_colour: bool) -> Pair:
 @contextlib.contextmanager
 def _drafts(beside: Path) -> Iterator[tuple[Path, Path]]:
     """Yield names for the drafts of score and mask; they vanish at the end."""
-    with tempfile.TemporaryDirectory(prefix=".photomap-", dir=beside.absolute().parent) as scratch:
+    with (
+        output_errors(beside),
+        tempfile.TemporaryDirectory(prefix=".photomap-", dir=beside.absolute().parent) as scratch,
+    ):
         yield Path(scratch) / "score.tif", Path(scratch) / "mask.tif"
 
 
@@ -298,9 +302,8 @@ def _score(
     ):
         results = map_jobs(partial(score_window, laid, pair), windows, workers=settings.workers)
         for done, (window, score) in enumerate(zip(windows, results, strict=True), start=1):
-            where = RasterWindow(*window)
-            scores.write(score, 1, window=where)
-            mask.write((score >= settings.threshold).astype(np.uint8), 1, window=where)
+            scores.write(score, window)
+            mask.write((score >= settings.threshold).astype(np.uint8), window)
             compared += int((score >= 0.0).sum())
             on_progress("score", done, len(windows))
     return compared

@@ -117,7 +117,8 @@ def export_files(
                 if wanted in NEEDS_PLACE and not solved.georeferenced:
                     raise NotGeoreferencedError(
                         f"--{wanted} needs a place on Earth, and this mission has no GPS: map it again with --track "
-                        "FILE or --gcp FILE; --geotiff, --worldfile, --gpkg and --poses work in local units"
+                        "FILE or --gcp FILE, or pick two places by 'photomap georeference'; --geotiff, --worldfile, "
+                        "--gpkg, --vectors, --layers and --poses work in local units"
                     )
                 written += write_format(wanted, replace(request, written=tuple(written)), path, on_progress)
             except PhotomapError as error:

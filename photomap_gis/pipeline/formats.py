@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -112,8 +113,8 @@ def check_request(
         raise UsageError("--bbox-crs says what --bbox is in: give --bbox too")
     if clips and Format.LAYERS in formats:
         raise UsageError("--layers is always of the whole map: export it without --bbox and --cutline")
-    if gsd is not None and not gsd > 0:
-        raise UsageError(f"--gsd must be positive, got {gsd:g}")
+    if gsd is not None and not (math.isfinite(gsd) and gsd > 0):
+        raise UsageError(f"--gsd must be a positive number, got {gsd:g}")
     if crs is not None:
         asked = parse_crs(crs)
         mercator = same_crs(asked.to_wkt(), parse_crs(WEB_MERCATOR).to_wkt())

@@ -14,9 +14,9 @@ from photomap_gis import __version__
 from photomap_gis.core.errors import UsageError
 from photomap_gis.core.frame import Footage
 from photomap_gis.core.grid import MapFrame
+from photomap_gis.elevation import open_dem
 from photomap_gis.georef import choose_map_frame, resolve_crs
 from photomap_gis.ingest import open_sources
-from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.add_track import add_track, lend_positions, split_tracks
 from photomap_gis.pipeline.settings import MapSettings, Progress
 from photomap_gis.reference import ReferenceImage
@@ -45,7 +45,7 @@ def open_mission(
         with ReferenceImage(Path(reference)):
             pass  # so is a file that cannot be used
     if settings.dem is not None:
-        check_dem(Path(settings.dem))
+        open_dem(Path(settings.dem))  # is it one?
     with_control = with_control or bool(settings.references)
     look = partial(on_progress, "look")
     if add:

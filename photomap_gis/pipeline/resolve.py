@@ -19,8 +19,8 @@ from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.elevation import open_dem
 from photomap_gis.georef import crs_to_lonlat, fix_to_map, map_to_lonlat, plane_view
-from photomap_gis.ingest.dem import check_dem
 from photomap_gis.pipeline.align import aligned
 from photomap_gis.pipeline.control import ControlRequest, checks_of, keep_control, keep_request, read_request
 from photomap_gis.pipeline.flight import StageClock, finish, settle
@@ -72,7 +72,7 @@ def solve_again(
     """
     read_request(control)
     if dem is not None:
-        check_dem(dem)
+        open_dem(dem)  # is it one?
 
     def change(mission: Mission, solved: Solved, settings: MapSettings) -> None:
         keep_request(mission, control, solved.frames, settings.crs)

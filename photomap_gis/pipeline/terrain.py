@@ -11,8 +11,8 @@ from photomap_gis.core.errors import DataError
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.ground import HeightField
 from photomap_gis.core.posegraph import Trajectory
+from photomap_gis.elevation import open_dem
 from photomap_gis.georef import map_to_lonlat
-from photomap_gis.ingest.dem import read_heights
 
 NODES = 160
 """Of the lattice along the map's longer side: closer ones would show what no frame's pose can."""
@@ -37,7 +37,9 @@ def terrain_under(path: Path, trajectory: Trajectory, map_frame: MapFrame) -> tu
     columns, rows = (int(np.ceil(s / cell)) + 1 for s in (high - low).tolist())
     x, y = np.meshgrid(low[0] + cell * np.arange(columns), low[1] + cell * np.arange(rows))
     lattice = np.stack([x.ravel(), y.ravel()], axis=1)
-    up = read_heights(path, map_to_lonlat(map_frame, lattice)).reshape(rows, columns)
+    up = open_dem(path).elevation_m(map_to_lonlat(map_frame, lattice)[:, ::-1]).reshape(rows, columns)
+    if not np.isfinite(up).any():
+        raise DataError(f"{path} does not reach the flight: give the elevation model of the same place")
     inside = (x >= low[0] + margin) & (x <= high[0] - margin) & (y >= low[1] + margin) & (y <= high[1] - margin)
     known = float(np.isfinite(up[inside]).mean())
     if known < LEAST_KNOWN:

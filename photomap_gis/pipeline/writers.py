@@ -10,6 +10,7 @@ from pathlib import Path
 
 from shapely.geometry import Point
 
+from photomap_gis import __version__
 from photomap_gis.core.grid import MapGrid
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.export.area import Area, clipped
@@ -39,6 +40,7 @@ from photomap_gis.pipeline.layers import write_map_layers
 from photomap_gis.pipeline.settings import Progress
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.pipeline.words import geotiff_tags
+from photomap_gis.publish import output_errors
 from photomap_gis.store import Mission
 
 OnProgress = Callable[[int, int], None]
@@ -100,6 +102,14 @@ class Request:
         return target_grid(self.store.grid, self.crs if self.solved.georeferenced else None, self.pixel_size, self.area)
 
     @property
+    def source_key(self) -> str | None:
+        """What names the pixels that are exported: the drawn map and what is cut out of it."""
+        if not self.store.fingerprint:
+            return None
+        area = "" if self.area is None else f"{self.area.crs_wkt}{self.area.outline.wkb_hex}{self.area.masks}"
+        return f"{__version__}|{self.store.fingerprint}|{self.store.revision}|{self.store.grid}|{area}"
+
+    @property
     def finds(self) -> tuple[Find, ...]:
         """What was found: in the file named by the user, else in the mission's, else nothing."""
         if self.options.finds is not None:
@@ -110,7 +120,8 @@ class Request:
 
 def write_format(wanted: Format, request: Request, path: Path, on_progress: Progress) -> list[Written]:
     """Write one format and return what was written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with output_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     return _WRITERS[wanted](request, path, partial(on_progress, str(wanted)))
 
 
@@ -153,7 +164,7 @@ def _folder_of_tiles(r: Request, path: Path, on_progress: OnProgress, *, tms: bo
     o = r.options
     write_tiles(
         r.store, path, min_zoom=o.min_zoom, max_zoom=o.max_zoom, gsd_m=r.gsd, area=r.area, image_format=o.tile_format,
-        quality=o.quality, tms=tms, words=r.words, on_progress=on_progress,
+        quality=o.quality, tms=tms, words=r.words, source_key=r.source_key, on_progress=on_progress,
     )  # fmt: skip
     return [Written(Format.TMS if tms else Format.TILES, path)]
 
@@ -162,7 +173,7 @@ def _mbtiles(r: Request, path: Path, on_progress: OnProgress) -> list[Written]:
     o = r.options
     write_mbtiles(
         r.store, path, min_zoom=o.min_zoom, max_zoom=o.max_zoom, gsd_m=r.gsd, area=r.area, image_format=o.tile_format,
-        quality=o.quality, words=r.words, on_progress=on_progress,
+        quality=o.quality, words=r.words, source_key=r.source_key, on_progress=on_progress,
     )  # fmt: skip
     return [Written(Format.MBTILES, path)]
 
@@ -171,7 +182,7 @@ def _pmtiles(r: Request, path: Path, on_progress: OnProgress) -> list[Written]:
     o = r.options
     write_pmtiles(
         r.store, path, min_zoom=o.min_zoom, max_zoom=o.max_zoom, gsd_m=r.gsd, area=r.area, image_format=o.tile_format,
-        quality=o.quality, words=r.words, on_progress=on_progress,
+        quality=o.quality, words=r.words, source_key=r.source_key, on_progress=on_progress,
     )  # fmt: skip
     return [Written(Format.PMTILES, path)]
 
@@ -179,7 +190,8 @@ def _pmtiles(r: Request, path: Path, on_progress: OnProgress) -> list[Written]:
 def _gpkg(r: Request, path: Path, on_progress: OnProgress) -> list[Written]:
     write_geopackage(
         r.store, path, crs=r.crs if r.solved.georeferenced else None, pixel_size=r.pixel_size, area=r.area,
-        image_format=r.options.tile_format, quality=r.options.quality, words=r.words, on_progress=on_progress,
+        image_format=r.options.tile_format, quality=r.options.quality, words=r.words, source_key=r.source_key,
+        on_progress=on_progress,
     )  # fmt: skip
     return [_of_grid(Format.GPKG, path, r.grid)]
 

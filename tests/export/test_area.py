@@ -11,7 +11,7 @@ from pyproj import Transformer
 
 from photomap_gis.core.errors import DataError, NotGeoreferencedError, UsageError
 from photomap_gis.core.grid import Window
-from photomap_gis.export import write_geotiff, write_kmz, write_tiles
+from photomap_gis.export import write_geopackage, write_geotiff, write_kmz, write_tiles
 from photomap_gis.export.area import Area, clipped, cut_grid, parse_bbox
 from photomap_gis.export.crs import parse_crs
 from photomap_gis.export.cutline import read_cutline
@@ -167,3 +167,10 @@ def test_files_that_hold_no_outline(tmp_path, name):
         area.cut((0.0, 0.0, 1.0, 1.0), parse_crs("EPSG:32633").to_wkt())
     with pytest.raises(DataError, match="no such file"):
         read_cutline(tmp_path / "missing.geojson")
+
+
+@pytest.mark.parametrize("write", [write_geotiff, write_tiles, write_kmz, write_geopackage])
+def test_a_pixel_that_makes_up_a_gigapixel_of_nothing_is_refused(scene, tmp_path, write):
+    finer = {write_geotiff: {"pixel_size": 1e-3}, write_geopackage: {"pixel_size": 1e-3}}.get(write, {"gsd_m": 1e-3})
+    with pytest.raises(UsageError, match="no more detail"):
+        write(scene.source(), tmp_path / ("m" if write is write_tiles else "m.kmz"), **finer)

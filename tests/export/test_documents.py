@@ -336,3 +336,10 @@ def test_cogs_with_overviews_in_classic_and_big_tiff(scene, tmp_path, monkeypatc
         opaque = means[..., 3] == 255
         got = d.read([1, 2, 3]).transpose(1, 2, 0)[opaque].astype(float)
         assert np.abs(got - means[..., :3][opaque]).mean() < (0.6 if compression != "JPEG" else 2.5)
+
+
+@pytest.mark.parametrize(("side_px", "long_mm"), [(500, 176), (1500, 297), (5000, 423), (10_000, 594)])
+def test_a_page_is_one_to_print(side_px, long_mm):
+    from photomap_gis.export.geopdf import _dpi
+
+    assert side_px / _dpi(side_px) * 25.4 == pytest.approx(long_mm, rel=0.01)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from shapely.geometry import LineString
 
 from photomap_gis.export import (
@@ -162,6 +163,10 @@ def test_gdal_reads_the_page(outputs, scene, tmp_path):
     info = json.loads(run(tool("gdalinfo"), "-json", outputs / "map.pdf"))
     assert info["metadata"][""]["AUTHOR"] == "Fire Dept"
     assert info["geoTransform"][0] == pytest.approx(source.grid.west, abs=1e-3)
+    # the map is framed, without the strip of words below it
+    neatline = shapely.from_wkt(info["metadata"][""]["NEATLINE"])
+    np.testing.assert_allclose(neatline.bounds, source.grid.bounds, atol=0.01 * source.grid.pixel_size)
+    assert info["size"][1] > source.grid.height
     # drawn finely, since the reader puts pictures on whole pixels of its own, and brought back to the map's grid
     target = ["-t_srs", "EPSG:32633", "-te", *map(str, source.grid.bounds), "-tr", "0.25", "0.25", "-r", "average"]
     fine = ["--config", "GDAL_PDF_DPI", "576"]

@@ -1,6 +1,6 @@
 """Flying at a height above the ground that is there: elevation models, and plans bent to follow them."""
 
-from photomap_gis.mission_planner.terrain.dem import Dem, open_dem
+from photomap_gis.elevation import Dem, VerticalDatum, open_dem
 from photomap_gis.mission_planner.terrain.follow import (
     FollowSettings,
     TerrainReport,
@@ -8,7 +8,6 @@ from photomap_gis.mission_planner.terrain.follow import (
     follow_terrain,
     on_flat_ground,
 )
-from photomap_gis.mission_planner.terrain.vertical import VerticalDatum
 
 __all__ = [
     "Dem",

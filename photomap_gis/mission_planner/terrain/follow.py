@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from photomap_gis.core.errors import DataError, UsageError
 from photomap_gis.core.plan import AltitudeFrame, Sortie, SurveyPlan, Waypoint, WaypointRole
+from photomap_gis.elevation import VerticalDatum, geoid_m
 from photomap_gis.mission_planner.local_frame import LocalFrame
 from photomap_gis.mission_planner.terrain.profile import fewest, flyable
-from photomap_gis.mission_planner.terrain.vertical import VerticalDatum, geoid_m
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from photomap_gis.core.errors import DataError
-from photomap_gis.mission_planner.terrain.vertical import VerticalDatum, datum_of
+from photomap_gis.elevation.vertical import VerticalDatum, datum_of
 
 FloatArray = NDArray[np.float64]
 
@@ -77,6 +77,8 @@ def open_dem(path: Path | str, vertical: VerticalDatum | None = None) -> Dem:
     Raises ``DataError`` where it is no raster with a place on Earth, or its heights are in an unknown unit.
     """
     path = Path(path)
+    if not path.is_file():
+        raise DataError(f"the elevation model {path} cannot be read: no such file; name a raster with heights")
     try:
         with rasterio.open(path) as raster:
             if raster.crs is None or raster.transform.is_identity:
