@@ -60,8 +60,9 @@ setInterval(() => {
 """
 _FOLLOW = """() => {
   const view = photomap.map.getView(), drone = photomap.live.state.pose?.drone;
+  if (photomap.live.following || !drone) return;
   photomap.live.moved = true;
-  if (drone) view.setCenter(photomap.at(drone));
+  view.setCenter(photomap.at(drone));
   view.setResolution(0.3);
   photomap.live.follow(true);
 }"""
@@ -157,12 +158,11 @@ def look_on(url: str, folder: Path, seconds: float) -> Seen:
         page.goto(url)
         page.wait_for_selector("body[data-ready]")
         print("ready", flush=True)
-        began, pictures, follows = time.monotonic(), list(PICTURES), False
+        began, pictures = time.monotonic(), list(PICTURES)
         while not ended.wait(HARVEST_S):
             share = (time.monotonic() - began) / seconds
             _harvest(page, seen)
-            if share >= FOLLOW_AT and not follows:
-                follows = True
+            if share >= FOLLOW_AT:  # again and again: when the map finds its place on Earth the page loads itself anew
                 _try(lambda: page.evaluate(_FOLLOW), seen)
             if pictures and share >= pictures[0][1]:
                 name, _ = pictures.pop(0)
