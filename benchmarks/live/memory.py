@@ -56,9 +56,12 @@ def measure(folder: Path, *, frames: int, seconds: int = 40, width_px: int = 128
     )
 
 
-def resident_mib() -> float:
-    """Return this process's resident memory."""
-    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+def resident_mib(pid: int | None = None) -> float:
+    """Return the resident memory of a process, else of this one; 0 where there is no such process."""
+    status = Path(f"/proc/{pid or 'self'}/status")
+    if not status.is_file():
+        return 0.0
+    for line in status.read_text(encoding="ascii").splitlines():
         if line.startswith("VmRSS:"):
             return float(line.split()[1]) / 1024.0
-    return float("nan")
+    return 0.0

@@ -7,11 +7,13 @@ fifth lap shows the first again, at a place of its own or (``rounds``) where it 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 
@@ -22,7 +24,7 @@ from photomap_gis.ingest.stream import open_stream
 from photomap_gis.ingest.stream.picture import ArrayPicture
 from photomap_gis.simulate import FlightSpec, read_truth
 from photomap_gis.simulate.flight import Shot
-from photomap_gis.simulate.video_file import VideoFile
+from photomap_gis.simulate.video_file import VideoFile, srt_entry
 
 from .flights import RATE_HZ
 
@@ -113,26 +115,68 @@ class Patrol:
 
 
 def patrol_video(video: Path, home: Path, seconds: int) -> Path:
-    """Return a recording of rounds over four grounds, made once out of a short video and kept in ``home``."""
+    """Return a recording of rounds over four grounds, made once out of a short video and kept in ``home``.
+
+    Each ground is encoded once; laps are put together without coding them again.
+    """
     made = home / "video" / video.name
     if made.is_file():
         return made
-    (home / "video").mkdir(parents=True, exist_ok=True)
+    made.parent.mkdir(parents=True, exist_ok=True)
     truth = read_truth(video.parents[1])
     spec = FlightSpec(**{k: v for k, v in truth.spec.items() if k in _PLAIN})
-    start_s, pose = truth.frames[0].time_s, truth.frames[0].pose
-    frames = round(seconds * RATE_HZ)
-    with VideoFile(made, spec, start_s) as out:
-        for event in Patrol(video, frames, rounds=True):
-            if isinstance(event, LiveFrame):
-                ref = event.ref
-                attitude: Attitude | None = ref.attitude
-                shot = Shot(
-                    ref.index, start_s + event.stream_time_s, pose, pose, pose, (0.0, 0.0), ref.fix, attitude,
-                    ref.height_m,
-                )  # fmt: skip
-                out.add(event.picture.bgr, shot)
+    refs = open_sources([video], IngestOptions(frame_rate_hz=1000.0)).frames
+    home_fix = next(r.fix for r in refs if r.fix is not None)
+    frames, start_s, pose = round(seconds * RATE_HZ), truth.frames[0].time_s, truth.frames[0].pose
+    laps = [_encoded(video, home / f"ground-{n}.mp4", n, spec) for n in range(min(GROUNDS, -(-frames // len(refs))))]
+    part = made.with_name(f"{made.name}.part")
+    _put_together(laps, part, frames, len(refs), truth.frames[0].time_s)
+    entries = []
+    for n in range(frames):
+        ref = Lap.of(n // len(refs), rounds=True).placed(refs[n % len(refs)], home_fix)
+        attitude: Attitude | None = ref.attitude
+        shot = Shot(n, start_s + n / RATE_HZ, pose, pose, pose, (0.0, 0.0), ref.fix, attitude, ref.height_m)
+        entries.append(srt_entry(shot, spec, RATE_HZ))
+    made.with_suffix(".SRT").write_text("\n".join(entries), encoding="utf-8")
+    part.replace(made)
+    for lap in laps:
+        lap.unlink()
+        lap.with_suffix(".SRT").unlink(missing_ok=True)
     return made
+
+
+def _encoded(video: Path, out: Path, ground: int, spec: FlightSpec) -> Path:
+    """Encode a video as it would be over another ground."""
+    lap = Lap.of(ground, rounds=True)
+    with VideoFile(out, spec, 0.0) as file:
+        for event in open_stream(str(video), realtime=False):
+            if isinstance(event, LiveFrame):
+                shot = Shot(event.index, event.stream_time_s, *(None,) * 3, (0.0, 0.0), None, None, None)  # type: ignore[arg-type]
+                file.add(lap.image(event.picture.bgr), shot)
+    return out
+
+
+def _put_together(laps: Sequence[Path], out: Path, frames: int, lap_frames: int, start_unix_s: float) -> None:
+    """Copy the packets of laps one after the other, in rounds, until there are so many frames."""
+    created = datetime.fromtimestamp(start_unix_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    with av.open(str(out), "w", format="mp4") as target:
+        target.metadata["creation_time"] = created
+        stream = None
+        for n in range(-(-frames // lap_frames)):
+            with av.open(str(laps[n % len(laps)])) as source:
+                video = source.streams.video[0]
+                if stream is None:
+                    stream = target.add_stream_from_template(video)
+                ticks = round(1.0 / (RATE_HZ * float(video.time_base or 1)))
+                for packet in source.demux(video):
+                    if packet.dts is None or packet.pts is None:
+                        continue
+                    if n * lap_frames + round(packet.pts / ticks) >= frames:
+                        continue
+                    packet.pts += n * lap_frames * ticks
+                    packet.dts += n * lap_frames * ticks
+                    packet.stream = stream
+                    target.mux(packet)
 
 
 _PLAIN: dict[str, Any] = dict.fromkeys(("width_px", "height_px", "video_rate_hz", "hfov_deg", "bitrate_bit_s"))

@@ -167,7 +167,8 @@ class Hand:
                 self._revision = command.revision
                 if self.painter is not None and not self.is_cut:
                     keys = self._moved_keys(command.chart) if command.keys is None else command.keys
-                    self._on_moved(command.revision, self.painter.adopt(command.chart.placement, keys))
+                    chart = command.chart
+                    self._on_moved(command.revision, self.painter.adopt(chart.placement, keys, len(chart)))
             case Told():
                 if self._graph is not None:
                     self._graph.tell(command.tie)

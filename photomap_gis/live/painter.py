@@ -104,7 +104,8 @@ class Painter:
         self.canvas = canvas
         self._light = light or Light()
         self._pixels, self._on_redrawn = pixels, on_redrawn
-        self._placements: dict[int, FramePlacement] = {}
+        self._placements: dict[int, FramePlacement] = {}  # of key frames that the chart of before did not know
+        self._placer: Placer | None = None
         self._times: dict[int, float] = {}
         self._latest_s = 0.0
         self._drawn, self._newest = Outlines(), Outlines()
@@ -150,8 +151,11 @@ class Painter:
         self._newest_look = replace(look, gain=gain)
         return bool(self.canvas.paste(key, brightened(sheet, gain), is_look=True))
 
-    def adopt(self, placer: Placer, keys: Iterable[int]) -> float:
-        """Take new placements over; return by how many pixels the map moves most, near the newest key frame."""
+    def adopt(self, placer: Placer, keys: Iterable[int], known: int = 0) -> float:
+        """Take new placements over; return by how many pixels the map moves most, near the newest key frame.
+
+        Key frames below ``known`` are drawn as ``placer`` says from now on; ``keys`` are those that have moved.
+        """
         pending = {} if self._redrawing is None else dict.fromkeys(self._redrawing.tiles)
         most = 0.0
         for key in keys:
@@ -160,7 +164,9 @@ class Painter:
             placement = placer(key)
             self._carry_look(key, placement)
             corners = self._corners(placement)
-            self._placements[key], self._newest[key] = placement, corners
+            self._newest[key] = corners
+            if key >= known:
+                self._placements[key] = placement
             if not np.isfinite(corners).all():
                 continue
             near = self._is_near(corners)
@@ -172,6 +178,9 @@ class Painter:
                 self._drawn[key] = corners  # as it will be: stale tiles are drawn by what is the newest then
         self._stale |= set(pending)
         self._redrawing = None
+        self._placer = placer
+        for key in [k for k in self._placements if k < known]:
+            del self._placements[key]
         return most
 
     def step(self) -> bool:
@@ -223,7 +232,7 @@ class Painter:
         look = self._newest_look
         if look is None or look.key != key:
             return
-        old, new, its = (p.camera_to_map for p in (self._placements[key], placement, look.placement))
+        old, new, its = (p.camera_to_map for p in (self._placement(key), placement, look.placement))
         if isinstance(old, PlanePlacement) and isinstance(new, PlanePlacement) and isinstance(its, PlanePlacement):
             T = new.T_map_plane @ old.T_map_plane.inverse() @ its.T_map_plane
             self._newest_look = replace(
@@ -246,7 +255,14 @@ class Painter:
         except PhotomapError as error:
             logger.warning("%s", error)
             return None
-        return sheet_of(self._placements[key], pixels, self.canvas.lattice, self._times[key], clip)
+        return sheet_of(self._placement(key), pixels, self.canvas.lattice, self._times[key], clip)
+
+    def _placement(self, key: int) -> FramePlacement:
+        known = self._placements.get(key)
+        if known is not None:
+            return known
+        assert self._placer is not None  # it knows all others
+        return self._placer(key)
 
     def _bright_sheet(self, key: int, clip: Window) -> Sheet | None:
         sheet = self._sheet(key, None, clip)

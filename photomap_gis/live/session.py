@@ -352,7 +352,8 @@ class Session:
             self.view.tell(
                 LiveSegment(step.joined.segment, pose.frame, step.joined.into, "recognised: the pieces are one again")
             )
-        if placement is not None and placement.segment is not None:
+        # Where the map has found its place on Earth but is not laid anew yet, the two do not speak of the same numbers.
+        if placement is not None and self.view.state.map_frame == chart.map_frame:
             self.view.still.put(pose.frame, time_s, frame.picture, placement)
         if self.health.step(step, time_s, self.latencies.step[-1], self.loop.tracker.pieces, len(chart)):
             self._tell_health()
