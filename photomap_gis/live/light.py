@@ -17,7 +17,7 @@ from photomap_gis.core.frame import ImageArray
 from photomap_gis.live.canvas import NOBODY, WORTH_A_SECOND, LiveCanvas, Sheet
 
 STRIDES_PX = ((600_000, 16), (150_000, 8), (0, 4))
-"""From so many pixels of a sheet on, one in so many along each side is looked at; windows of sheets begin at multiples of 16."""
+"""From so many pixels of a sheet on, one in so many along each side is looked at (windows begin at multiples of 16)."""
 ALIKE = 0.12
 """Difference of the distances to the frames' middles, as a share of half a diagonal."""
 KEPT = 0.98
