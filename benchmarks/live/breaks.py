@@ -1,7 +1,7 @@
 """One flight with everything that goes wrong in it: bursts of error frames, a lost link, a long loss of GPS.
 
-The flight's truth is known. It is flown whole and broken; both live maps are exported and laid over the true ground: one
-piece, as right as the unbroken one, nothing torn, every break told when it began and when it ended.
+The flight's truth is known. It is flown whole and broken; both live maps are exported and laid over the true ground:
+one piece, as right as the unbroken one, nothing torn, every break told when it began and when it ended.
 """
 
 from __future__ import annotations

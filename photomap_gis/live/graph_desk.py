@@ -25,6 +25,7 @@ from photomap_gis.core.frame import FrameRef
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph import GraphWork, KeyNews
+from photomap_gis.live.heap import give_back
 from photomap_gis.live.steps import Tie
 from photomap_gis.pipeline.settings import MapSettings
 from photomap_gis.store import Mission
@@ -83,6 +84,7 @@ class GraphShift:
             return None
         self._solved_at, self._gained = work.count, 0
         solution = work.solve()
+        give_back()
         if work.count - self._saved_at >= max(SAVE_EVERY_KEYS, 0.05 * work.count) or self._saved_at == 0:
             self._saved_at = work.count
             work.save()

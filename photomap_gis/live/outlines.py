@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +13,6 @@ from photomap_gis.live.lattice import TILE_PX
 
 CROWDED_SHARE, CROWDED_TURN_RAD = 0.18, 0.03
 """Drawn anew is, of key frames in a row that look the same way, only one in each such share of a frame."""
-MOST_LOOKS = 12
-"""A key frame is left out where each spot of it was seen by so many later ones."""
-SAMPLE_PX = 32
-"""Spots are looked at so far apart; a frame is held to see a little less, or a little more, than it does."""
 _MOST_TILES = 64 * 16
 
 
@@ -47,27 +43,7 @@ class Outlines:
         inside = (x0 <= cols) & (cols < x1) & (y0 <= rows) & (rows < y1)
         return [int(k) for k in keys[inside.any(axis=1)]]
 
-    def worth_drawing(self, keys: Sequence[int], tiles: Sequence[TileIndex]) -> list[int]:
-        """Return those of some key frames that tiles are drawn anew by: few where many show the same ground.
-
-        No spot is lost: what is left out is seen, at every sample in and next to it, by ``MOST_LOOKS`` later ones.
-        """
-        kept = self._uncrowded(keys)
-        if len(kept) <= MOST_LOOKS:
-            return kept
-        spots = _spots(tiles)
-        looks = np.zeros(len(spots), np.intp)
-        wanted = []
-        for key in reversed(kept):
-            corners = self._corners[key]
-            mine = _within(corners, spots, SAMPLE_PX)
-            if mine.any() and not (looks[mine] < MOST_LOOKS).any():
-                continue
-            wanted.append(key)
-            looks += _within(corners, spots, -SAMPLE_PX)
-        return wanted[::-1]
-
-    def _uncrowded(self, keys: Sequence[int]) -> list[int]:
+    def uncrowded(self, keys: Sequence[int]) -> list[int]:
         """Leave out key frames in a row that lie close to the last one that is kept."""
         kept: list[int] = []
         for n, key in enumerate(keys):
@@ -99,19 +75,3 @@ def _boxes(corners: FloatArray, margin: float = 0.0) -> npt.NDArray[np.int64]:
     )
     known = np.isfinite(tiles).all(axis=1) & (np.abs(tiles) < 1e9).all(axis=1)
     return np.where(known[:, None], tiles, 0.0).astype(np.int64)
-
-
-def _spots(tiles: Iterable[TileIndex]) -> FloatArray:
-    """``(n, 2)`` samples of tiles, ``SAMPLE_PX`` apart."""
-    at = (np.arange(TILE_PX // SAMPLE_PX) + 0.5) * SAMPLE_PX - 0.5
-    one = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
-    return np.concatenate([one + np.array([t.col, t.row]) * TILE_PX for t in tiles])
-
-
-def _within(corners: FloatArray, spots: FloatArray, margin_px: float) -> npt.NDArray[np.bool_]:
-    """``(n,)`` whether spots lie within an outline widened by a margin (of a bent one: within its every side)."""
-    along = np.roll(corners, -1, axis=0) - corners
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-    turn = np.sign(along[0, 0] * along[1, 1] - along[0, 1] * along[1, 0]) or 1.0
-    depth = np.einsum("nsk,sk->ns", spots[:, None] - corners, turn * normal)
-    return np.asarray((depth >= -margin_px).all(axis=1))

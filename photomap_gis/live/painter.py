@@ -209,7 +209,7 @@ class Painter:
     def _begin(self, tiles: Sequence[TileIndex]) -> None:
         self._stale -= set(tiles)
         keys = [k for k in self._newest.over(tiles) if k in self._times]
-        self._redrawing = _Redrawing.of(tiles, self._newest.worth_drawing(keys, tiles))
+        self._redrawing = _Redrawing.of(tiles, self._newest.uncrowded(keys))
 
     def _finish(self, redrawing: _Redrawing) -> None:
         self._redrawing = None
