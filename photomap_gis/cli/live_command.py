@@ -162,10 +162,17 @@ def _pushed(flight: Flight, receiver: CotAddress | None, callsign: str) -> Itera
     from photomap_gis.export.cot import CotPusher
 
     with CotPusher(receiver) as push:
+        said: str | None = None
 
         def tell(pose: LivePose) -> None:
+            nonlocal said
             for value in cot_values(pose, flight.folder, callsign):
                 push.put(value)
+            problem = push.state().problem
+            if problem != said:
+                flight.on_words(f"{receiver.name}: the team's devices are told again" if problem is None
+                                else f"{problem}; trying again, the flight goes on")  # fmt: skip
+                said = problem
 
         flight.on_pose = tell
         yield

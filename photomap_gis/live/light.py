@@ -16,12 +16,12 @@ import numpy as np
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.live.canvas import NOBODY, WORTH_A_SECOND, LiveCanvas, Sheet
 
-STRIDE_PX = 4
-"""Every so many pixels one is looked at; windows of sheets begin at multiples of 16."""
+STRIDES_PX = ((600_000, 16), (150_000, 8), (0, 4))
+"""From so many pixels of a sheet on, one in so many along each side is looked at (windows begin at multiples of 16)."""
 ALIKE = 0.12
 """Difference of the distances to the frames' middles, as a share of half a diagonal."""
 KEPT = 0.98
-FEWEST = 300
+FEWEST = 50
 DARKEST, BRIGHTEST = 10.0, 240.0
 """Beyond, a pixel tells nothing of a gain."""
 MOST = math.log(1.8)
@@ -32,7 +32,7 @@ class Light:
 
     def __init__(self) -> None:
         self._gains: dict[int, float] = {}
-        self._times_s: dict[int, float] = {}
+        self._times_s = np.full(256, math.nan)
 
     def of(self, key: int) -> float:
         """Return a key frame's gain, 1 where it has none."""
@@ -43,6 +43,7 @@ class Light:
         if key not in self._gains:
             gain = self._ratio(sheet, canvas)
             if gain is not None:  # what is too unlike is left as it is, and nothing is measured against it
+                self._room_for(key)
                 self._times_s[key] = sheet.time_s
             self._gains[key] = 1.0 if gain is None else gain**KEPT
         return self._gains[key]
@@ -55,14 +56,17 @@ class Light:
         """Return how much brighter the canvas is: 1 where little can be compared, ``None`` where it is too unlike."""
         count = 0
         old_sum = new_sum = 0.0
+        w = sheet.window
+        stride_px = next(s for least, s in STRIDES_PX if w.width * w.height >= least)
         far_new = 1.0 + WORTH_A_SECOND * sheet.time_s
-        for planes, there, here in canvas.under(sheet.window, STRIDE_PX):
+        for planes, there, here in canvas.under(w, stride_px):
             shown = planes.shown[there]
             both = (sheet.inside[here] > 0) & (shown != NOBODY)
             if not both.any():
                 continue
-            keys, which = np.unique(shown[both], return_inverse=True)
-            times_s = np.array([self._times_s.get(int(k), math.nan) for k in keys])[which]
+            keys = shown[both]
+            self._room_for(int(keys.max()))
+            times_s = self._times_s[keys]
             old, new = _brightness(planes.rgb[there][both]), _brightness(sheet.rgb[here][both])
             apart = (1.0 + WORTH_A_SECOND * times_s - planes.worth[there][both]) - (far_new - sheet.worth[here][both])
             used = (np.abs(apart) < ALIKE) & _tells(old) & _tells(new)
@@ -73,6 +77,10 @@ class Light:
             return 1.0
         ratio = old_sum / new_sum
         return ratio if abs(math.log(max(ratio, 1e-6))) <= MOST else None
+
+    def _room_for(self, key: int) -> None:
+        while key >= len(self._times_s):
+            self._times_s = np.concatenate([self._times_s, np.full(len(self._times_s), math.nan)])
 
 
 def brightened(sheet: Sheet, gain: float) -> Sheet:

@@ -17,7 +17,7 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.live import FrameSource, LiveTelemetry
 from photomap_gis.georef import resolve_crs
 from photomap_gis.ingest import open_sources
-from photomap_gis.ingest.box_files import is_recording, read_contents
+from photomap_gis.ingest.box_files import FRAMES, INDEX, is_recording, read_contents
 from photomap_gis.ingest.sources import VIDEO_SUFFIXES
 from photomap_gis.ingest.stream.opening import STREAM_SUFFIXES
 from photomap_gis.live.journal import FOLDER, SESSION, load_session, save_session
@@ -64,7 +64,8 @@ def refuse_flown(folder: Path) -> None:
             flown = any(True for _ in mission.frames)
         if not flown:
             shutil.rmtree(folder / FOLDER)
-            shutil.rmtree(folder / RECORDING, ignore_errors=True)
+            for name in (INDEX, FRAMES):  # what an autopilot said meanwhile stays
+                (folder / RECORDING / name).unlink(missing_ok=True)
             (folder / "mission.json").unlink()
             return
     raise UsageError(

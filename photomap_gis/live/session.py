@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from photomap_gis.core.errors import DataError, PhotomapError
-from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap, StreamRenamed
+from photomap_gis.core.live import FrameSource, GapKind, LiveFrame, StreamEnd, StreamEvent, StreamGap, StreamRenamed
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph_desk import GraphDesk
@@ -325,7 +325,8 @@ class Session:
         if isinstance(event, StreamGap):
             self.loop.hear(event)
             self.health.hear(event)
-            self.on_words(event.message)
+            if event.kind is not GapKind.DAMAGED:  # over a bad radio several a second; they are counted
+                self.on_words(event.message)
             self._tell_health()
         elif isinstance(event, StreamRenamed):
             self.pixels.renamed[event.path] = event.to
