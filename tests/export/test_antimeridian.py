@@ -22,7 +22,7 @@ UTM_1S = CRS.from_epsg(32701).to_wkt()
 )  # fmt: skip
 def test_what_is_cut_keeps_its_size_and_place(lon, lat, width, height, closed):
     corner = np.array([lon, lat])
-    corners = corner + [(0, 0), (width, 0), (width, height), (0, height), (0, 0)]
+    corners = corner + np.array([(0, 0), (width, 0), (width, height), (0, height), (0, 0)])
     wrapped = near(corners, 0.0)  # as PROJ gives it: each longitude within ±180
     whole = Polygon(corners) if closed else LineString(corners[:3])
     parts = cut(Polygon(wrapped) if closed else LineString(wrapped[:3]))
