@@ -14,6 +14,8 @@ $(VENV)/.done: pyproject.toml
 	$(BIN)/pip install --quiet --editable '.[dev]'
 	# For QGIS's own Python (tests/qgis_plugin): our pytest must not see pytest-qgis, which needs QGIS at once.
 	$(BIN)/pip install --quiet --upgrade --target $(VENV)/qgis-tests 'pytest>=8' 'pytest-qgis>=2'
+	# Compile the inner loops now, once: the first flight must not wait for it.
+	$(BIN)/python -W ignore -c 'import photomap_gis.live.session, photomap_gis.pipeline.in_space, photomap_gis.mosaic.run'
 	touch $@
 
 demo: setup

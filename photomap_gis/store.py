@@ -67,12 +67,16 @@ class MissionHeader:
 
 @dataclass(frozen=True, slots=True)
 class PreparedFrame:
-    """What preparation found: why a frame is not ``usable``, and where its working image lies in its plane."""
+    """What preparation found: why a frame is not ``usable``, and where its working image lies in its plane.
+
+    ``is_suspect`` tells that a video's decoder lost data since the last key frame: parts may be its guess.
+    """
 
     frame: int
     usable: bool
     reason: str | None = None
     T_plane_work: Similarity2D = field(default_factory=Similarity2D)
+    is_suspect: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,11 +269,15 @@ class Journal(Generic[T]):
             write_file(self._path, b"".join(self._adapter.dump_json(r) + b"\n" for r in kept))
 
     def close(self) -> None:
-        """Bring what was appended onto the disk."""
-        if self._file is not None:
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self._file = None
+        """Bring what was appended onto the disk; ``OutputError`` where that is full."""
+        if self._file is None:
+            return
+        file, self._file = self._file, None
+        try:
+            with file:
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
 
     def _open_whole(self) -> IO[bytes]:
         """Open for appending, cut back to the end of the last whole line."""

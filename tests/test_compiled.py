@@ -44,6 +44,18 @@ def test_a_kernel_is_compiled_once_and_kept(tmp_path: Path) -> None:
     assert "compiling" not in second.stderr
 
 
+def test_a_kernel_is_made_anew_when_its_neighbour_changes(tmp_path: Path) -> None:
+    """What is taken from another file of the room is part of the machine code."""
+    script, neighbour = tmp_path / "kernel.py", tmp_path / "neighbour.py"
+    neighbour.write_text("FACTOR = 1.0\n", encoding="utf-8")
+    text = "from neighbour import FACTOR\n" + KERNEL.replace("return total", "return total * FACTOR")
+    script.write_text(text, encoding="utf-8")
+    assert _run(script).stdout == "42.0\n"
+    neighbour.write_text("FACTOR = 2.0\n", encoding="utf-8")
+    assert _run(script).stdout == "84.0\n"
+    assert "compiling" not in _run(script).stderr
+
+
 def test_where_nothing_can_be_kept_it_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from photomap_gis import compiled
 

@@ -26,6 +26,7 @@ from .measure import (
     relative_rmse_m,
     rms,
 )
+from .posed import in_space
 from .real import real_flight
 from .whole import whole_case
 from .world import GPS, Flown, Plan, fly, graph_of
@@ -252,6 +253,7 @@ SECTIONS: dict[str, Callable[[Options], Section]] = {
     "absolute": absolute,
     "time-offset": time_offset,
     "whole-case": whole_case,
+    "in-space": in_space,
     "real-flight": real_flight,
 }
 

@@ -127,7 +127,7 @@ def command(
             click.echo(f"warning: {warning}", err=True)
         with _ends(flight):
             if not quiet:
-                flight.on_second = _line
+                flight.on_second, flight.on_words = _line, _say
             flight.fly()
         if not quiet:
             click.echo("", err=True)
@@ -241,6 +241,11 @@ def _line(words: str) -> None:
     """Say how it goes on one line of a terminal; elsewhere once in a while."""
     if sys.stderr.isatty():
         click.echo(f"\r{words[:118]:<118}", nl=False, err=True)
+
+
+def _say(words: str) -> None:
+    """Say what has happened on a line of its own, at once: to which address to send, a link lost, a disk full."""
+    click.echo(("\n" if sys.stderr.isatty() else "") + words, err=True)
 
 
 def _tell(summary: LiveSummary, *, as_json: bool) -> None:

@@ -145,10 +145,14 @@ class FrameRef:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A frame with its pixels: ``image`` is ``(H, W, 3)`` BGR or ``(H, W)`` grey, uint8, read-only."""
+    """A frame with its pixels: ``image`` is ``(H, W, 3)`` BGR or ``(H, W)`` grey, uint8, read-only.
+
+    ``is_suspect`` tells that a video's decoder lost data since the last key frame: parts may be its guess.
+    """
 
     ref: FrameRef
     image: ImageArray
+    is_suspect: bool = False
 
     def __post_init__(self) -> None:
         if self.image.dtype != np.uint8 or self.image.ndim not in (2, 3):

@@ -36,11 +36,13 @@ class LiveFrame:
     ``ref.index`` counts the frames of the source from 0, also those that nobody takes; ``ref.pts_s`` is the stream
     time; ``ref.frame_number`` its rank within ``ref.source`` (a file, or the recording) where that can be read again.
     ``ref.fix``, ``ref.attitude`` and ``ref.time_s`` are set where the picture itself tells them (photos).
+    ``is_suspect`` tells that the decoder lost data since the last key frame: parts of the picture may be its guess.
     """
 
     ref: FrameRef
     picture: Picture
     arrival_s: float
+    is_suspect: bool = False
 
     @property
     def index(self) -> int:
@@ -85,6 +87,8 @@ class GapKind(StrEnum):
     """Frames have another size from here on."""
     NO_KEY_FRAME = "no_key_frame"
     """Packets come, but no key frame from which decoding could begin."""
+    UNUSABLE = "unusable"
+    """Something comes, but no video that is understood; the source goes on trying."""
     FILE_LEFT_OUT = "file_left_out"
     """A file of a watched folder could not be read."""
     RECORDING_STOPPED = "recording_stopped"
@@ -140,7 +144,15 @@ class StreamFix:
     hfov_rad: float | None = None
 
 
-StreamEvent = LiveFrame | StreamFix | StreamGap | StreamEnd
+@dataclass(frozen=True, slots=True)
+class StreamRenamed:
+    """A photo that was read before has another name now: its pixels are to be found there."""
+
+    path: str
+    to: str
+
+
+StreamEvent = LiveFrame | StreamFix | StreamGap | StreamRenamed | StreamEnd
 
 
 @runtime_checkable

@@ -73,7 +73,8 @@ class PosedPlacement:
     ``centre_map`` ``(3,)`` is x, y and the height **up** over the ground's middle level, in map units. ``R_map_camera``
     ``(3, 3)`` takes camera axes (x image right, y image down, z optical axis) into x east, y south, z **down**. A pose
     covariance is ``(6, 6)``: of ``(dx, dy, dz)`` of the centre (z down) and of a turn vector (radians) about the same
-    axes: ``R_true = Exp(turn) R``.
+    axes: ``R_true = Exp(turn) R``; of it that which moves pixels over this ground, what camera and ground err alike
+    left out.
     """
 
     camera: Camera

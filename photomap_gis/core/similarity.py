@@ -85,9 +85,13 @@ class Similarity2D:
 
     def __matmul__(self, other: Similarity2D) -> Similarity2D:
         """``T_a_c = T_a_b @ T_b_c`` (the paper's composition)."""
-        t = self.apply((other.tx, other.ty))
+        scale = self.scale
+        c, s = math.cos(self.angle_rad) * scale, math.sin(self.angle_rad) * scale
         return Similarity2D(
-            float(t[0]), float(t[1]), wrap_angle(self.angle_rad + other.angle_rad), self.log_scale + other.log_scale
+            c * other.tx - s * other.ty + self.tx,
+            s * other.tx + c * other.ty + self.ty,
+            wrap_angle(self.angle_rad + other.angle_rad),
+            self.log_scale + other.log_scale,
         )
 
     def inverse(self) -> Similarity2D:

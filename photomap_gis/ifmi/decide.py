@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
-from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.ifmi.align import align
 from photomap_gis.ifmi.examine import Lead, Measured, follow, follow_motion, homography_of, measure, similarity_of
 from photomap_gis.ifmi.prior import Prior
@@ -148,6 +148,8 @@ def _repeats(a: Spectrum, b: Spectrum, best: Lead, rivals: list[Lead]) -> float:
 def distance_px(T: Similarity2D, U: Similarity2D, b: Spectrum) -> float:
     """Root mean square distance over b's corners between two motions."""
     w, h = b.size_px
-    corners: FloatArray = np.array([[0.0, 0.0], [w - 1.0, 0.0], [0.0, h - 1.0], [w - 1.0, h - 1.0]])
-    d = T.apply(corners) - U.apply(corners)
-    return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
+    x, y = (w - 1.0) / 2.0, (h - 1.0) / 2.0
+    z = cmath.rect(T.scale, T.angle_rad) - cmath.rect(U.scale, U.angle_rad)
+    middle = z * complex(x, y) + complex(T.tx - U.tx, T.ty - U.ty)
+    # corners lie evenly around the middle: their squares add
+    return math.sqrt(abs(middle) ** 2 + abs(z) ** 2 * (x * x + y * y))

@@ -9,7 +9,7 @@ import numpy as np
 
 from photomap_gis.core.measurement import TiePoints
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.align import WHOLE, align, outlying
+from photomap_gis.ifmi.align import align, outlying
 from photomap_gis.ifmi.blocks import BlockMotion, block_motion
 from photomap_gis.ifmi.field import Field, Frame, closest_similarity, field_matrix, fit_field, project, visible
 from photomap_gis.ifmi.spectrum import Spectrum
@@ -134,7 +134,7 @@ def measure(a: Spectrum, b: Spectrum, lead: Lead) -> Measured:
     """Return the motion closest to the whole overlap, its covariance and model sigma."""
     frame = Frame(*b.size_px)
     G = lead.G
-    correlation, attenuation = lead.correlation, WHOLE
+    correlation, attenuation = lead.correlation, np.eye(2)
     for k in range(max(a.spectral - 1, 0), -1, -1):
         freedom = 8 if lead.support >= NARROW else 4
         fit = align(a.floors[k], b.floors[k], G, freedom=freedom, steps=FINE_STEPS, enough_px=0.02, near=True)

@@ -12,20 +12,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from photomap_gis.core.similarity import FloatArray, Similarity2D, fit_similarity
+from photomap_gis.core.similarity import FloatArray, Similarity2D
+from photomap_gis.ifmi.field_sums import fit, fit_similarity, send
 
-BEND_PRIOR = 0.06
-"""One sigma of stretch and perspective before looking."""
-PRIOR_DIAGONAL = np.array([1e-6] * 4 + [1.0 / BEND_PRIOR**2] * 4)
-PRIOR = np.diag(PRIOR_DIAGONAL)
 GRID_POINTS = 16
 """Points of the grid along the longer side."""
-LEAST_SCATTER = 1e-4
-ROUNDS = 3
-TAIL = 6.0
-"""Observations of so many variances count half."""
-SIGNIFICANT = 1.5
-"""Scatter counts from so many standard deviations of what noise alone would show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,22 +129,9 @@ def field_matrix(theta: FloatArray) -> FloatArray:
 
 def project(H: FloatArray, p: FloatArray) -> FloatArray:
     """``(N, 2)`` points through a ``(3, 3)`` homography; points on its horizon and beyond come back far away."""
-    h = p @ H[:, :2].T + H[:, 2]
-    return np.asarray(h[:, :2] / np.maximum(h[:, 2:], 0.05), np.float64)
-
-
-def basis(q: FloatArray) -> FloatArray:
-    """``(8, 2, N)`` derivative by theta at 0 of the displacement (x, y) at ``(N, 2)`` field coordinates."""
-    x, y = q.T
-    B = np.zeros((8, 2, len(q)))
-    B[0, 0] = B[1, 1] = 1.0
-    B[2, 0], B[2, 1] = -y, x
-    B[3, 0], B[3, 1] = x, y
-    B[4, 0], B[4, 1] = x, -y
-    B[5, 0], B[5, 1] = y, x
-    np.multiply(B[3], x, out=B[6])
-    np.multiply(B[3], y, out=B[7])
-    return B
+    moved = np.empty((len(p), 2))
+    send(np.ascontiguousarray(H), np.ascontiguousarray(p), moved)
+    return moved
 
 
 def fit_field(q: FloatArray, shifts: FloatArray, noise: FloatArray, *, start: float | None = None) -> Field:
@@ -162,60 +140,12 @@ def fit_field(q: FloatArray, shifts: FloatArray, noise: FloatArray, *, start: fl
     ``noise`` ``(3, K)`` holds the elements xx, xy and yy of the shifts' covariances. With ``start`` the fit begins with
     so wide a robust scale and narrows it: for shifts of which many may be nonsense.
     """
-    B = basis(q)
-    nxx, nxy, nyy = noise
-    noise2 = 0.5 * (nxx + nyy)
-    freedom = max(0.3, 1.0 - 8.0 / (2.0 * len(q)))
-    usual = float(noise2.mean())
-    flat, W = B.reshape(8, -1), np.empty_like(B)
-    BW = W.reshape(8, -1)
-    theta = np.zeros(8)
-    left = np.ascontiguousarray(shifts.T)
-    left2 = _half_squared(left)
-    scatter2, gate2 = LEAST_SCATTER * usual, None if start is None else start**2
-    for _ in range(ROUNDS if start is None else ROUNDS + 3):
-        if gate2 is not None:
-            scale2 = np.maximum(noise2, gate2)
-            ixx = 1.0 / (scale2 * np.square(1.0 + left2 / scale2))
-            ixy, iyy = np.zeros(len(q)), ixx
-            gate2 = gate2 / 3.0 if gate2 > usual else None
-        else:
-            scatter2 = _scatter2(left2 / freedom, noise2)
-            ixx, ixy, iyy = _robust_information(nxx + scatter2, nxy, nyy + scatter2, left)
-        W[:, 0] = ixx * B[:, 0] + ixy * B[:, 1]
-        W[:, 1] = ixy * B[:, 0] + iyy * B[:, 1]
-        curvature = BW @ flat.T + PRIOR
-        theta = theta + np.linalg.solve(curvature, BW @ left.ravel() - PRIOR_DIAGONAL * theta)
-        left = shifts.T - (project(field_matrix(theta), q) - q).T
-        left2 = _half_squared(left)
-    # Whatever else moves the blocks, the weights used are these: their sandwich carries both kinds of error.
-    bread = np.linalg.inv(curvature)
-    noisy = np.stack([nxx * W[:, 0] + nxy * W[:, 1], nxy * W[:, 0] + nyy * W[:, 1]], axis=1).reshape(8, -1)
-    pull = np.asarray(np.linalg.solve(flat @ flat.T + PRIOR, flat @ left.ravel()), np.float64)
-    return Field(theta, bread @ (noisy @ BW.T) @ bread, bread @ (BW @ BW.T) @ bread, scatter2, left2, pull)
-
-
-def _robust_information(
-    xx: FloatArray, xy: FloatArray, yy: FloatArray, left: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the inverses (elements xx, xy, yy) of covariances, less where what is ``left`` ``(2, K)`` is unlikely."""
-    x, y = left
-    one = 1.0 / (xx * yy - xy * xy)
-    m2 = 0.5 * one * (yy * x * x - 2.0 * xy * x * y + xx * y * y)
-    one /= 1.0 + m2 / TAIL
-    return one * yy, -one * xy, one * xx
-
-
-def _half_squared(left: FloatArray) -> FloatArray:
-    """``(K,)`` half the squared length of ``(2, K)`` vectors: their square per axis."""
-    return np.asarray(0.5 * (left[0] * left[0] + left[1] * left[1]), np.float64)
-
-
-def _scatter2(left2: FloatArray, noise2: FloatArray) -> float:
-    """Return how much more ``(K,)`` squared residuals (per axis) are than their variances, where it is significant."""
-    chance = 1.0 + SIGNIFICANT / math.sqrt(len(left2))
-    noise = float(noise2.mean())
-    return max(float(left2.mean()) - chance * noise, LEAST_SCATTER * noise)
+    theta, covariance, shape = np.zeros(8), np.empty((8, 8)), np.empty((8, 8))
+    left, pull = np.empty((len(q), 3)), np.empty((8, 1))
+    gate2 = 0.0 if start is None else start**2
+    q, shifts, noise = np.ascontiguousarray(q), np.ascontiguousarray(shifts), np.ascontiguousarray(noise)
+    scatter2 = fit(q, shifts, noise, gate2, theta, covariance, shape, left, pull)
+    return Field(theta, covariance, shape, scatter2, left[:, 2], pull[:, 0])
 
 
 def visible(frame: Frame, G: FloatArray, size_a_px: tuple[int, int]) -> FloatArray:
@@ -233,25 +163,14 @@ def closest_similarity(frame: Frame, G: FloatArray, covariance: FloatArray, weig
 
     ``covariance`` ``(8, 8)`` is of the field's parameters; ``weight`` ``(N,)``.
     """
-    q, w = frame.grid(), weight / weight.sum()
-    moved = project(G, q)
-    T_a_q = fit_similarity(moved, q, w)
-    flat, r = _grid_basis(frame.width_px, frame.height_px), frame.reach_px
-    N = (flat.reshape(8, 2, -1) * w).reshape(8, -1) @ flat.T
-    share = np.linalg.solve(N[:4, :4], N[:4, 4:])
-    off = T_a_q.apply(q) - moved
-    bend2 = 0.5 * float(w @ (off * off).sum(axis=1)) / T_a_q.scale**2
+    q, w, r = frame.grid(), weight / weight.sum(), frame.reach_px
+    zt, N, share = np.empty(4), np.empty((8, 8)), np.empty((4, 4))
+    left2 = fit_similarity(q, project(G, q), w, zt, N, share)
+    scale2 = float(zt[0] ** 2 + zt[1] ** 2)
+    T_a_q = Similarity2D(float(zt[2]), float(zt[3]), math.atan2(zt[1], zt[0]), 0.5 * math.log(scale2))
     # The bend's own error is no bend.
-    bend2 -= 0.5 * float((covariance[4:, 4:] * (N[4:, 4:] - N[4:, :4] @ share)).sum())
+    own = 0.5 * float((covariance[4:, 4:] * (N[4:, 4:] - N[4:, :4] @ share)).sum())
     M = np.zeros((4, 8))
     M[:, :4], M[:, 4:] = np.eye(4), share
     M[:2] *= r
-    return Closest(T_a_q @ frame.T_q_b, M, max(bend2, 0.0) * r**2)
-
-
-@lru_cache(maxsize=16)
-def _grid_basis(width_px: int, height_px: int) -> FloatArray:
-    """``(8, 2 N)`` basis at the points of a frame's grid."""
-    flat = basis(_grid(width_px, height_px)).reshape(8, -1)
-    flat.setflags(write=False)
-    return flat
+    return Closest(T_a_q @ frame.T_q_b, M, max(left2 / scale2 - own, 0.0) * r**2)

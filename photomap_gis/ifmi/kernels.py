@@ -1,7 +1,7 @@
 """The hot doors: Fourier transforms and resampling, by OpenCV, in single precision.
 
 OpenCV's packed real transform is the fastest on the sizes that occur here (see docs), but its packed layout is
-awkward: spectra leave this file as ordinary half spectra, as ``numpy.fft.rfft2`` lays them out.
+awkward: spectra leave this file as ordinary half spectra, as ``numpy.fft.rfft2`` lays them out (``packed``).
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ import numpy.typing as npt
 import scipy.fft
 
 from photomap_gis.core.similarity import Similarity2D
+from photomap_gis.ifmi.packed import pack, unpack
 
 Image32 = npt.NDArray[np.float32]
 Spectrum64 = npt.NDArray[np.complex64]
 Mask8 = npt.NDArray[np.uint8]
 Picture = TypeVar("Picture", Image32, Mask8)
 
+FAR, UNSEEN = 1e4, 30.0
+"""What a picture holds where nothing can be seen, and the least that is a mixture with it: no picture comes near."""
 LARGEST_PACKED = 320
 """Wider pictures go through SciPy: unpacking OpenCV's layout costs them more than its transform saves."""
 
@@ -39,16 +42,8 @@ def forward_fft(image: Image32) -> Spectrum64:
     h, w = image.shape
     if w > LARGEST_PACKED:
         return np.asarray(scipy.fft.rfft2(image), np.complex64)
-    packed = cv2.dft(image)
     half = np.empty((h, w // 2 + 1), np.complex64)
-    half.view(np.float32)[:, 2:w] = packed[:, 1 : w - 1]
-    for column, stored in ((0, 0), (w // 2, w - 1)):  # these two hold real transforms, packed downwards
-        values = np.empty(h // 2 + 1, np.complex64)
-        values.real[0], values.imag[0] = packed[0, stored], 0.0
-        values.real[1:-1], values.imag[1:-1] = packed[1 : h - 1 : 2, stored], packed[2:h:2, stored]
-        values.real[-1], values.imag[-1] = packed[h - 1, stored], 0.0
-        half[: h // 2 + 1, column] = values
-        half[h // 2 + 1 :, column] = values[-2:0:-1].conj()
+    unpack(cv2.dft(image), half)
     return half
 
 
@@ -58,12 +53,7 @@ def inverse_fft(half: Spectrum64) -> Image32:
     if w > LARGEST_PACKED:
         return np.asarray(scipy.fft.irfft2(half), np.float32)
     packed = np.empty((h, w), np.float32)
-    packed[:, 1 : w - 1] = half.view(np.float32)[:, 2:w]
-    for column, stored in ((0, 0), (w // 2, w - 1)):
-        values = half[: h // 2 + 1, column]
-        packed[0, stored] = values[0].real
-        packed[1 : h - 1 : 2, stored], packed[2:h:2, stored] = values[1:-1].real, values[1:-1].imag
-        packed[h - 1, stored] = values[-1].real
+    pack(half, packed)
     inverse: Image32 = cv2.dft(packed, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
     return inverse
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from photomap_gis.core.similarity import FloatArray, Similarity2D
-from photomap_gis.ifmi.spectrum import FAR, Floor
+from photomap_gis.ifmi.field_sums import inverse
+from photomap_gis.ifmi.passes import compare
+from photomap_gis.ifmi.spectrum import Floor
+
+FEWEST_PIXELS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,23 +35,18 @@ def agreement(a: Floor, b: Floor, T_a_b: Similarity2D) -> Agreement:
 
 def agreement_under(a: Floor, b: Floor, H_a_b: FloatArray) -> Agreement:
     """Return how floors a and b of equal factor agree under a ``(3, 3)`` homography of the frames' own pixels."""
-    h, w = a.shape
-    f = np.diag([1.0 / a.factor, 1.0 / a.factor, 1.0])
-    H = f @ H_a_b @ np.diag([a.factor, a.factor, 1.0])
-    warped = cv2.warpPerspective(
-        b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
-    ).ravel()
-    seen = a.seen.ravel()
-    inside = (warped < np.float32(30.0)) & (seen < np.float32(30.0))
-    n = int(np.count_nonzero(inside))
-    growth = abs(float(np.linalg.det(H[:2, :2]))) / H[2, 2] ** 2
+    H = np.array(H_a_b, np.float64, order="C")  # in the floor's pixels
+    H[:2, 2] /= a.factor
+    H[2, :2] *= a.factor
+    sums = np.empty(5)
+    n = compare(a.seen, b.seen, inverse(H), sums)
+    growth = abs(float(H[0, 0] * H[1, 1] - H[0, 1] * H[1, 0])) / H[2, 2] ** 2
     overlap = n / max(min(float(a.values.size), b.values.size * growth), 1.0)
-    if n < 64:
+    if n < FEWEST_PIXELS:
         return Agreement(0.0, overlap)
-    vb, va = warped * inside, seen * inside
-    sum_a, sum_b = float(va.sum()), float(vb.sum())
-    cross = float(va @ vb) - sum_a * sum_b / n
-    power = (float(va @ va) - sum_a**2 / n) * (float(vb @ vb) - sum_b**2 / n)
+    sum_a, sum_b, aa, ab, bb = sums.tolist()
+    cross = ab - sum_a * sum_b / n
+    power = (aa - sum_a**2 / n) * (bb - sum_b**2 / n)
     return Agreement(cross / math.sqrt(power) if power > 0.0 else 0.0, overlap)
 
 

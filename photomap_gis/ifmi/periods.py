@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, inverse_fft
+from photomap_gis.ifmi.passes import powers, reaches
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.window import apodisation
 
@@ -30,15 +31,17 @@ class Period:
 
 def find_periods(F: Spectrum64, shape: tuple[int, int]) -> tuple[Period, ...]:
     """Return the shifts by which a picture of a ``shape`` (h, w), whose half spectrum is ``F``, looks like itself."""
-    own = inverse_fft((F * F.conj()).astype(np.complex64))
+    power = np.empty_like(F)
+    powers(F, power)
+    own = inverse_fft(power)
     if not own[0, 0] > 0.0:
         return ()
     h, w = own.shape
     lost, allowed = _lost_by_window(shape, (h, w))
+    if not reaches(own, lost, allowed, LEAST_LIKENESS * float(own[0, 0])):
+        return ()
     likeness = own * (lost / own[0, 0])
     candidates = (likeness >= np.float32(LEAST_LIKENESS)) & allowed
-    if not candidates.any():
-        return ()
     # The hill about zero shift is no period: only what rises again counts.
     candidates &= likeness >= cv2.dilate(likeness, np.ones((3, 3), np.uint8))
     found = []

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, forward_fft, inverse_fft
+from photomap_gis.ifmi.passes import phase_difference, whitened
 
 
 def pomf(A: Image32, B: Image32) -> Image32:
@@ -25,7 +26,9 @@ def pomf(A: Image32, B: Image32) -> Image32:
 
 def whiten(F: Spectrum64) -> Spectrum64:
     """Return ``exp(i PHASE(F))``; coefficients without a phase stay 0."""
-    return np.asarray(F * (np.float32(1.0) / (np.abs(F) + np.float32(1e-12))), np.complex64)
+    white = np.empty_like(F)
+    whitened(F, white)
+    return white
 
 
 def half_whiten(F: Spectrum64) -> Spectrum64:
@@ -42,6 +45,13 @@ def pulse_of(P_A: Spectrum64, P_B: Spectrum64, low_pass: Image32 | None = None) 
     D = P_A * P_B.conj()
     if low_pass is not None:
         D *= low_pass
+    return inverse_fft(D)
+
+
+def phase_pulse(F_A: Spectrum64, F_B: Spectrum64, low_pass: Image32) -> Image32:
+    """Return ``pulse_of`` the whitened spectra, of which neither need be whitened before."""
+    D = np.empty_like(F_A)
+    phase_difference(F_A, F_B, low_pass, D)
     return inverse_fft(D)
 
 

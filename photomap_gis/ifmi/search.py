@@ -19,7 +19,7 @@ from photomap_gis.core.similarity import FloatArray, Similarity2D, wrap_angle
 from photomap_gis.ifmi.kernels import Image32, Spectrum64, fft_size, forward_fft, warp_similarity
 from photomap_gis.ifmi.logpolar import ANGLE_STEP_RAD, ANGLES, LOG_RADIUS_STEP, RADII
 from photomap_gis.ifmi.overlap import agreement, on_floor
-from photomap_gis.ifmi.pomf import gaussian_low_pass, pulse_of, whiten
+from photomap_gis.ifmi.pomf import gaussian_low_pass, phase_pulse, pulse_of, whiten
 from photomap_gis.ifmi.prior import GATE_SIGMAS, Prior
 from photomap_gis.ifmi.pulse import find_peaks
 from photomap_gis.ifmi.spectrum import SHIFT_TAPER, Floor, Spectrum, on_canvas, windowed
@@ -149,7 +149,7 @@ def _shifts(a: Floor, b: Floor, turns: list[tuple[float, float]], prior: Prior, 
     middle_b = T_prior.inverse().apply(middle_a)
     canvas = (fft_size(a.shape[0]), fft_size(a.shape[1]))
     low_pass = gaussian_low_pass(canvas, SHIFT_LOW_PASS)
-    P_A = whiten(forward_fft(on_canvas(a.values * window, canvas)))
+    F_A = forward_fft(on_canvas(a.values * window, canvas))
     admitted = _around_zero(canvas, round(GATE_SIGMAS * prior.sigma_xy_px / f + 2.0))
     for angle_rad, log_scale in turns:
         if math.cos(angle_rad - prior.T_a_b.angle_rad) < 0.0:
@@ -159,7 +159,7 @@ def _shifts(a: Floor, b: Floor, turns: list[tuple[float, float]], prior: Prior, 
         T0 = Similarity2D(float(t[0]), float(t[1]), turn.angle_rad, log_scale)
         B = warp_similarity(b.values, T0, a.shape)
         B *= window
-        delta = pulse_of(P_A, whiten(forward_fft(on_canvas(B, canvas))), low_pass)
+        delta = phase_pulse(F_A, forward_fft(on_canvas(B, canvas)), low_pass)
         for p in find_peaks(delta, peaks, allowed=admitted):
             dx = p.column if p.column <= canvas[1] / 2 else p.column - canvas[1]
             dy = p.row if p.row <= canvas[0] / 2 else p.row - canvas[0]

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.frame import ImageArray
-from photomap_gis.ifmi.kernels import Image32, Mask8, Spectrum64, fft_size, forward_fft, halve
+from photomap_gis.ifmi.kernels import FAR, Image32, Mask8, Spectrum64, fft_size, forward_fft, halve
 from photomap_gis.ifmi.logpolar import PADDING as ROTATION_PADDING
 from photomap_gis.ifmi.logpolar import TAPER as ROTATION_TAPER
 from photomap_gis.ifmi.logpolar import log_polar_spectrum
@@ -37,8 +37,6 @@ GREY_FLOOR = 2.0
 POINTS = 2700
 FEW_POINTS = 1100
 """Points of a template, and of those of floors below the spectral one: they only help to find it."""
-FAR = 1e4
-"""What a floor's ``seen`` holds where nothing can be seen: no picture comes near it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

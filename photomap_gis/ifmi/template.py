@@ -9,17 +9,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from photomap_gis.ifmi.descent import write_derivative
 from photomap_gis.ifmi.kernels import Image32, Mask8
-
-Pixels = npt.NDArray[np.intp]
+from photomap_gis.ifmi.steepest import Pixels, choose, describe
 
 GRID = 12
 BLOCKS = GRID * GRID
+NO_MASK = np.empty((0, 0), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,29 +53,15 @@ class Template:
         """``(BLOCKS, n)`` slopes by qy."""
         return self.A[2]
 
-    def of_blocks(self, blocks: npt.NDArray[np.intp]) -> Template:
-        """Return the template of some blocks only."""
-        if len(blocks) == BLOCKS:
-            return self
-        return Template(self.Q[:, blocks], self.A[:, blocks], self.usable[blocks])
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Cells:
-    """How a floor is cut: ``cell`` pixels a side, ``rows`` by ``columns`` of them, from (``top``, ``left``).
-
-    ``places`` ``(rows * cell, columns * cell)`` is every pixel's number in its cell; in the flat picture ``corner``
-    ``(rows, columns)`` is each cell's first pixel, ``offset`` ``(cell * cell,)`` how far every other lies behind it.
-    """
+class _Cells(NamedTuple):
+    """How a floor is cut: ``cell`` pixels a side, ``rows`` by ``columns`` of them, from (``top``, ``left``)."""
 
     cell: int
     rows: int
     columns: int
     top: int
     left: int
-    places: npt.NDArray[np.int32]
-    corner: Pixels
-    offset: Pixels
 
 
 @lru_cache(maxsize=32)
@@ -83,14 +71,7 @@ def _cells_of(shape: tuple[int, int], points: int) -> _Cells:
     rows, columns = (max(1, (side - 4) // n // GRID) * GRID for side in (h, w))
     if min(h - rows * n, w - columns * n) < 0:
         raise ValueError(f"a floor of {shape} is too small for {GRID} by {GRID} blocks")
-    top, left = (h - rows * n) // 2, (w - columns * n) // 2
-    number = np.arange(n * n)
-    places = np.tile(number.astype(np.int32).reshape(n, n), (rows, columns))
-    corner = (top + n * np.arange(rows))[:, None] * w + left + n * np.arange(columns)[None, :]
-    offset = number // n * w + number % n
-    for made in (places, corner, offset):
-        made.setflags(write=False)
-    return _Cells(n, rows, columns, top, left, places, corner, offset)
+    return _Cells(n, rows, columns, (h - rows * n) // 2, (w - columns * n) // 2)
 
 
 def steepest_pixels(values: Image32, mask: Mask8 | None, points: int) -> Pixels:
@@ -99,25 +80,8 @@ def steepest_pixels(values: Image32, mask: Mask8 | None, points: int) -> Pixels:
     ``(BLOCKS, n)``, block by block.
     """
     c = _cells_of(values.shape, points)
-    gx, gy = cv2.Sobel(values, cv2.CV_32F, 1, 0, ksize=1), cv2.Sobel(values, cv2.CV_32F, 0, 1, ksize=1)
-    gx *= gx
-    gy *= gy
-    gx += gy
-    if mask is not None:
-        gx[mask == 0] = 0.0
-    n = c.cell
-    inner = gx[c.top : c.top + c.rows * n, c.left : c.left + c.columns * n]
-    # The lowest bits of a slope give way to the pixel's place in its cell: the maximum then tells where it was found.
-    low = (1 << (n * n - 1).bit_length()) - 1
-    keyed = inner.view(np.int32) & ~low  # floats >= 0 are ordered as their bit patterns are
-    keyed |= c.places
-    tallest = keyed[::n]
-    for k in range(1, n):
-        tallest = np.maximum(tallest, keyed[k::n])
-    widest = tallest[:, ::n]
-    for k in range(1, n):
-        widest = np.maximum(widest, tallest[:, k::n])
-    flat = c.corner + c.offset[widest & low]
+    flat = np.empty((c.rows, c.columns), np.intp)
+    choose(values, NO_MASK if mask is None else mask, c.cell, c.top, c.left, flat)
     return flat.reshape(GRID, c.rows // GRID, GRID, c.columns // GRID).swapaxes(1, 2).reshape(BLOCKS, -1)
 
 
@@ -128,48 +92,12 @@ def make_template(
 
     ``size_px`` is the frame's width and height.
     """
-    w = values.shape[1]
-    Q = np.ones((3, *flat.shape), np.float32)
-    _field_coordinates(values.shape, factor, size_px).take(flat, axis=1, out=Q[:2], mode="clip")
-    A = np.empty((9, *flat.shape), np.float32)
-    values.take(flat, out=A[0], mode="clip")
-    unit = np.float32(max(size_px) / (2.0 * factor))
-    gx, gy = _slope(values, flat, 1) * unit, _slope(values, flat, w) * unit
-    if mask is not None:
-        usable = cv2.erode(mask, np.ones((5, 5), np.uint8), borderValue=255).take(flat) > 0
-        gx *= usable
-        gy *= usable
-    write_derivative(A[1:], Q, gx, gy)
-    return Template(Q, A, (gx != 0) | (gy != 0))
-
-
-def _slope(values: Image32, flat: Pixels, step: int) -> Image32:
-    """Return the slope per ``step`` in the flat picture, by the five-point derivative: exact to fourth order."""
-    near = values.take(flat + step, mode="clip") - values.take(flat - step, mode="clip")
-    far = values.take(flat + 2 * step, mode="clip") - values.take(flat - 2 * step, mode="clip")
-    return near * np.float32(8.0 / 12.0) - far * np.float32(1.0 / 12.0)
-
-
-@lru_cache(maxsize=16)
-def _field_coordinates(shape: tuple[int, int], factor: int, size_px: tuple[int, int]) -> Image32:
-    """``(2, h * w)`` field coordinates of every pixel of a floor of a frame of ``size_px`` (width, height)."""
-    reach = max(size_px) / 2.0
-    y, x = np.mgrid[: shape[0], : shape[1]]
-    table = np.stack([(v * factor - (side - 1) / 2.0) / reach for v, side in ((x, size_px[0]), (y, size_px[1]))])
-    flat: Image32 = table.reshape(2, -1).astype(np.float32)
-    flat.setflags(write=False)
-    return flat
-
-
-def write_derivative(J: Image32, Q: Image32, gx: Image32, gy: Image32) -> None:
-    """Fill ``(8, ...)`` J: the derivative by the field's parameters of values with slopes ``gx``, ``gy`` at ``Q``."""
-    qx, qy = Q[0], Q[1]
-    J[0], J[1] = gx, gy
-    xx, yx, xy, yy = gx * qx, gy * qx, gx * qy, gy * qy
-    radial = xx + yy
-    np.subtract(yx, xy, out=J[2])
-    J[3] = radial
-    np.subtract(xx, yy, out=J[4])
-    np.add(xy, yx, out=J[5])
-    np.multiply(radial, qx, out=J[6])
-    np.multiply(radial, qy, out=J[7])
+    usable_mask = NO_MASK if mask is None else cv2.erode(mask, np.ones((5, 5), np.uint8), borderValue=255)
+    n, (width, height), reach_px = flat.size, size_px, max(size_px) / 2.0
+    Q, A, usable = np.empty((3, n), np.float32), np.empty((9, n), np.float32), np.empty(n, np.bool_)
+    centre_x_px, centre_y_px = (width - 1) / 2.0, (height - 1) / 2.0
+    describe(
+        values, usable_mask, flat.ravel(), factor, centre_x_px, centre_y_px, reach_px, reach_px / factor, Q, A, usable
+    )
+    write_derivative(Q, A[1:])
+    return Template(Q.reshape(3, *flat.shape), A.reshape(9, *flat.shape), usable.reshape(flat.shape))

@@ -17,9 +17,11 @@ import numpy.typing as npt
 
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.field import project
-from photomap_gis.ifmi.kernels import Image32, forward_fft_stack, inverse_fft_stack
-from photomap_gis.ifmi.pomf import gaussian_low_pass, whiten
-from photomap_gis.ifmi.spectrum import FAR, Floor
+from photomap_gis.ifmi.field_sums import inverse
+from photomap_gis.ifmi.kernels import FAR, Image32, forward_fft_stack, inverse_fft_stack
+from photomap_gis.ifmi.passes import count_common, cut, phase_difference, read_sum
+from photomap_gis.ifmi.pomf import gaussian_low_pass
+from photomap_gis.ifmi.spectrum import Floor
 
 LOW_PASS = 0.16
 STRIDE = 0.5
@@ -53,58 +55,50 @@ def tile_pulses(a: Floor, b: Floor, H_a_b: FloatArray, *, narrow: bool = False) 
     ``narrow`` takes the smallest tiles there are: for overlaps into which no others fit.
     """
     f = a.factor
-    H = np.array(H_a_b, np.float64)  # in the floor's pixels
+    H = np.array(H_a_b, np.float64, order="C")  # in the floor's pixels
     H[:2, 2] /= f
     H[2, :2] *= f
     h, w = a.shape
     warped = cv2.warpPerspective(
         b.seen, H, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(FAR,) * 4
     )
-    inside = warped < np.float32(30.0)
-    if a.mask is not None:
-        inside &= a.mask > 0
     side = SMALLEST_SIDE if narrow else tile_side(a.shape)
     # The share of each possible tile that lies in the overlap, from one integral image.
-    total = cv2.integral(inside.view(np.uint8)).ravel()
+    common = np.empty((h + 1, w + 1), np.int32)
+    count_common(a.seen, warped, common)
     y, x, corners = _starts_in(a.shape, side)
-    covered = total[corners]
+    covered = common.ravel()[corners]
     keep = np.flatnonzero(covered[0] - covered[1] - covered[2] + covered[3] >= COVERED * side**2)
     if len(keep) == 0:
         return None
     if len(keep) > MOST_TILES:
         keep = keep[_evenly(len(keep), MOST_TILES)]
     x, y = x[keep], y[keep]
-    warped *= inside
     k = len(x)
     both = np.empty((2 * k, side, side), np.float32)
-    for n, (r, c) in enumerate(zip(y.tolist(), x.tolist(), strict=True)):
-        both[n] = a.values[r : r + side, c : c + side]
-        both[k + n] = warped[r : r + side, c : c + side]
-    both -= (both.reshape(2 * k, -1) @ _mean_of(side))[:, None, None]
-    both *= _tile_window(side)
-    F = whiten(forward_fft_stack(both))
-    D = F[:k] * F[k:].conj()
-    D *= gaussian_low_pass((side, side), LOW_PASS)
-    pulses = inverse_fft_stack(D)
+    cut(a.seen, warped, y, x, _tile_window(side), both)
+    F = forward_fft_stack(both).reshape(2 * k * side, -1)
+    D = np.empty((k * side, F.shape[1]), np.complex64)
+    phase_difference(F[: k * side], F[k * side :], gaussian_low_pass((side, side), LOW_PASS), D)
+    pulses = inverse_fft_stack(D.reshape(k, side, -1))
     flat = pulses.reshape(k, -1)
     best = flat.argmax(axis=1)
-    shift = np.stack([best % side, best // side], axis=1).astype(np.float64)
+    shift = np.empty((k, 2))
+    shift[:, 0], shift[:, 1] = best % side, best // side
     shift[shift > side // 2] -= side
     snr = flat[np.arange(k), best].astype(np.float64) / _scatter_of_pulses(side)
     near = shift[:, 0] ** 2 + shift[:, 1] ** 2 <= NEAR_PX**2
-    summed = flat.sum(axis=0)
-    at_zero, elsewhere = _around_zero(side)
-    height = float(summed[at_zero].max())
-    rest = summed[elsewhere]
-    centre_a = np.stack([x, y], axis=1) + (side - 1) / 2.0
-    centre_b = project(np.asarray(np.linalg.inv(H), np.float64), np.asarray(centre_a, np.float64))
+    height, highest_far, scatter_far = read_sum(pulses, NEAR_PX, 2.5 * NEAR_PX)
+    centre_a = np.empty((k, 2))
+    centre_a[:, 0], centre_a[:, 1] = x + (side - 1) / 2.0, y + (side - 1) / 2.0
+    centre_b = project(inverse(H), centre_a)
     return TilePulses(
         centre=centre_b * f,
         shift=shift * f,
         snr=snr,
         near=near,
-        summed_snr=height / max(float(rest.std()), 1e-9),
-        rival=max(float(rest.max()), 0.0) / max(height, 1e-9),
+        summed_snr=height / max(scatter_far, 1e-9),
+        rival=max(highest_far, 0.0) / max(height, 1e-9),
     )
 
 
@@ -139,11 +133,6 @@ def _evenly(count: int, most: int) -> Cells:
 
 
 @lru_cache(maxsize=4)
-def _mean_of(side: int) -> Image32:
-    return np.full(side * side, 1.0 / side**2, np.float32)
-
-
-@lru_cache(maxsize=4)
 def _scatter_of_pulses(side: int) -> float:
     """Return the standard deviation of a pulse: by Parseval's theorem that of the low-pass, whatever the tiles show."""
     g = gaussian_low_pass((side, side), LOW_PASS)
@@ -159,11 +148,3 @@ def _tile_window(side: int) -> Image32:
     window: Image32 = np.outer(one, one).astype(np.float32)
     window.setflags(write=False)
     return window
-
-
-@lru_cache(maxsize=4)
-def _around_zero(side: int) -> tuple[Cells, Cells]:
-    """Return the cells, of a flat pulse, near zero shift and those well away from it."""
-    one = np.fft.fftfreq(side, 1.0 / side)
-    distance = np.hypot(one[:, None], one[None, :]).ravel()
-    return np.flatnonzero(distance <= NEAR_PX), np.flatnonzero(distance > 2.5 * NEAR_PX)

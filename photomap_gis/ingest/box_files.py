@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import os
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -117,7 +117,17 @@ def read_contents(folder: Path) -> BoxContents:
         FrameRecord(connection, piece, None if ticks == _NO_PTS else ticks, stream_s, arrival_s)
         for connection, piece, ticks, stream_s, arrival_s in _RECORD.iter_unpack(whole)
     ]
-    return BoxContents(folder, tuple(lines), _on_one_clock(lines, frames))
+    return BoxContents(folder, tuple(_by_new_names(lines)), _on_one_clock(lines, frames))
+
+
+def _by_new_names(lines: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Yield the lines with photos under the names that they were given later."""
+    names = {str(line.get("path")): str(line.get("to")) for line in lines if line["kind"] == "renamed"}
+    for line in lines:
+        path, hops = str(line.get("path")), 0
+        while line["kind"] == "photo" and path in names and hops < len(names):
+            path, hops = names[path], hops + 1
+        yield {**line, "path": path, "was": line["path"]} if hops else line
 
 
 def _on_one_clock(lines: Sequence[Mapping[str, Any]], frames: Sequence[FrameRecord]) -> tuple[FrameRecord, ...]:

@@ -23,6 +23,7 @@ from av.stream import Disposition
 from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.ingest.telemetry.demux import packets
+from photomap_gis.ingest.trouble import Trouble
 from photomap_gis.ingest.video_pixels import bgr_of
 from photomap_gis.ingest.video_tags import make_and_model, rotation_deg, start_utc_s
 
@@ -129,11 +130,29 @@ def frame_index(path: Path) -> FrameIndex:
     return _frame_index(str(path.resolve()), state.st_size, state.st_mtime_ns)
 
 
-def read_video_frames(path: Path, frame_numbers: Sequence[int]) -> Iterator[tuple[int, ImageArray | None]]:
-    """Yield (number, ``(H, W, 3)`` BGR image) of the wanted frames, ascending, each number once.
+@dataclass(frozen=True, slots=True, eq=False)
+class VideoFrame:
+    """A frame read from a video: ``image`` ``(H, W, 3)`` BGR, ``None`` where it is damaged or not there.
 
-    One pass over the file, leaping over long stretches in which nothing is wanted. ``None`` stands for a frame that is
-    damaged or not there; the others are still read.
+    ``is_suspect`` tells that the decoder lost data since the last key frame.
+    """
+
+    number: int
+    image: ImageArray | None
+    is_suspect: bool
+
+
+def read_video_frames(path: Path, frame_numbers: Sequence[int]) -> Iterator[tuple[int, ImageArray | None]]:
+    """Yield (number, ``(H, W, 3)`` BGR image) of the wanted frames as ``video_frames`` does."""
+    for frame in video_frames(path, frame_numbers):
+        yield frame.number, frame.image
+
+
+def video_frames(path: Path, frame_numbers: Sequence[int]) -> Iterator[VideoFrame]:
+    """Yield the wanted frames, ascending, each number once.
+
+    One pass over the file, leaping over long stretches in which nothing is wanted. A frame that is damaged or not there
+    has no image; the others are still read.
     """
     path = Path(path)
     numbers = sorted(set(frame_numbers))
@@ -145,7 +164,8 @@ def read_video_frames(path: Path, frame_numbers: Sequence[int]) -> Iterator[tupl
     with open_video(path) as container:
         reader = _Reader(container, video_stream(container, path), index, frozenset(numbers))
         for number in numbers:
-            yield number, reader.read(number)
+            image = reader.read(number)
+            yield VideoFrame(number, image, reader.is_suspect)
 
 
 def read_video_frame(path: Path, number: int) -> ImageArray | None:
@@ -161,7 +181,9 @@ class _Reader:
         self._index, self._wanted = index, wanted
         self._size = (stream.codec_context.width, stream.codec_context.height)
         self._frames = self._decode()
-        self._held: tuple[int, Any] | None = None
+        self._held: tuple[int, Any, bool] | None = None
+        self.is_suspect = False
+        """Whether data was missing for the frame read last."""
         self._at = -1
         self._is_after_seek = False
         self._may_seek = not index.is_counted
@@ -177,7 +199,7 @@ class _Reader:
                 self._held = next(self._frames, None)
             if self._held is None:
                 return None
-            found, frame = self._held
+            found, frame, is_suspect = self._held
             if found > number:
                 if self._is_after_seek:
                     self._rewind()  # the container leapt too far: walk there
@@ -186,6 +208,7 @@ class _Reader:
             self._is_after_seek = False
             self._held = None
             if found == number:
+                self.is_suspect = is_suspect
                 return self._image(frame)
 
     def _leap(self, number: int) -> None:
@@ -215,17 +238,21 @@ class _Reader:
             logger.warning("cannot rewind %s", self._container.name)
         self._frames = self._decode()
 
-    def _decode(self) -> Iterator[tuple[int, Any]]:
-        """Yield (number, decoded frame); damaged packets are passed over."""
+    def _decode(self) -> Iterator[tuple[int, Any, bool]]:
+        """Yield (number, decoded frame, whether it is suspect); damaged packets are passed over."""
         context = self._stream.codec_context
+        trouble = Trouble()
         counted = -1
         errors = 0
         for packet in packets(self._container, self._stream):
             # A frame that no other refers to need not be decoded where it is not wanted.
             context.skip_frame = "DEFAULT" if self._needs(packet) else "NONREF"
+            if packet.is_corrupt:
+                trouble.failed()
             try:
                 frames = packet.decode()
             except FFmpegError:
+                trouble.failed()
                 errors += 1
                 if errors > _MAX_ERRORS_IN_A_ROW:
                     return
@@ -233,10 +260,11 @@ class _Reader:
             for frame in frames:
                 errors = 0
                 counted += 1
+                is_suspect = trouble.of(frame)
                 number = counted if self._index.is_counted else self._number_of(frame)
                 if number is not None:
                     self._at = number
-                    yield number, frame
+                    yield number, frame, is_suspect
 
     def _needs(self, packet: Any) -> bool:
         if self._index.is_counted or packet.pts is None:

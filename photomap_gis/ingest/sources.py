@@ -257,24 +257,24 @@ def _ascending(refs: Sequence[FrameRef]) -> Iterator[list[FrameRef]]:
 
 
 def _read_ascending(source: str, refs: list[FrameRef]) -> Iterator[tuple[FrameRef, Frame | FrameReadError]]:
-    from photomap_gis.ingest.video import read_video_frames  # PyAV loads slowly, and photos do not need it
+    from photomap_gis.ingest.video import video_frames  # PyAV loads slowly, and photos do not need it
 
     waiting = {ref.frame_number: ref for ref in refs if ref.frame_number is not None}
     why = "the video ends before it"
     try:
-        for number, image in read_video_frames(Path(source), sorted(waiting)):
-            ref = waiting.pop(number, None)
+        for found in video_frames(Path(source), sorted(waiting)):
+            ref = waiting.pop(found.number, None)
             if ref is not None:
-                yield ref, _video_frame(ref, image)
+                yield ref, _video_frame(ref, found.image, found.is_suspect)
     except DataError as error:
         why = str(error)
     for ref in waiting.values():
         yield ref, FrameReadError(f"{ref.name}: {why}")
 
 
-def _video_frame(ref: FrameRef, image: np.ndarray | None) -> Frame | FrameReadError:
+def _video_frame(ref: FrameRef, image: np.ndarray | None, is_suspect: bool) -> Frame | FrameReadError:
     if image is None:
         return FrameReadError(f"{ref.name}: this frame of the video is damaged")
     if ref.width_px and image.shape[:2] != (ref.height_px, ref.width_px):
         return FrameReadError(f"{ref.name}: its size changes within the video")
-    return Frame(ref, image)
+    return Frame(ref, image, is_suspect)

@@ -22,6 +22,7 @@ from photomap_gis.ingest.decode import (
     probe,
     read_video_frame,
     read_video_frames,
+    video_frames,
 )
 from photomap_gis.ingest.kept_track import kept_track
 from photomap_gis.ingest.lenses import LensFacts, camera_for
@@ -42,6 +43,7 @@ __all__ = [
     "read_video_frame",
     "read_video_frames",
     "video_footage",
+    "video_frames",
 ]
 
 logger = logging.getLogger(__name__)

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,15 +21,18 @@ import numpy.typing as npt
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.grid import TileIndex, Window
 from photomap_gis.core.placement import FramePlacement
+from photomap_gis.live.blending import DRAWN, FEATHER, blend_pixels
 from photomap_gis.live.lattice import TILE_PX, LiveLattice
 from photomap_gis.mosaic.lattice import Box, Lattice
 
 STEP_PX = 16
-FEATHER = 0.08
-"""Difference of worth over which one frame passes into another."""
 WORTH_A_SECOND = 0.004
 """A frame a minute newer may be a quarter of its half diagonal further from its middle and is shown still."""
 RIM_SHARE = 0.06
+LOOK_LEAD = FEATHER / 2.0
+"""By so much a look may be worth less than what is shown and be shown still, in part."""
+IN_MEMORY = 128
+"""Tiles held, each 1.2 megabytes; more where a single frame lies on more."""
 MOST_PIXELS = 24_000_000
 """A frame that would cover more of the map is not where it is believed to be."""
 MIN_GSD_RATIO, MAX_GSD_RATIO = 0.2, 5.0
@@ -41,12 +44,15 @@ FloatImage = npt.NDArray[np.float32]
 
 @dataclass(slots=True, eq=False)
 class TilePlanes:
-    """A tile: ``rgb`` ``(t, t, 3)``; ``worth`` of what is shown; key frames ``shown`` and ``newest``; best ``gsd``."""
+    """A tile: ``rgb`` ``(t, t, 3)``, its ``worth``, the key frame ``shown``, when it was seen last, the best ``gsd``.
+
+    ``shown`` is, of a look between two key frames, the key frame on which it hangs; ``seen_s`` is of the stream.
+    """
 
     rgb: ImageArray
     worth: FloatImage
     shown: IntImage
-    newest: IntImage
+    seen_s: FloatImage
     gsd: FloatImage
 
     @classmethod
@@ -57,7 +63,7 @@ class TilePlanes:
             np.zeros((*side, 3), np.uint8),
             np.full(side, -np.inf, np.float32),
             np.full(side, NOBODY, np.int32),
-            np.full(side, NOBODY, np.int32),
+            np.full(side, -np.inf, np.float32),
             np.full(side, np.inf, np.float32),
         )
 
@@ -82,6 +88,7 @@ class Sheet(NamedTuple):
     inside: npt.NDArray[np.uint8]
     worth: FloatImage
     gsd: float
+    time_s: float
 
 
 def sheet_of(
@@ -124,13 +131,15 @@ def sheet_of(
         at = nodes.dense(((xy + 0.5) * scale - 0.5).astype(np.float32), box)
     source = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     bgr = cv2.remap(source, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return Sheet(window, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), inside, nodes.dense(worth.astype(np.float32), box), gsd)
+    return Sheet(
+        window, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), inside, nodes.dense(worth.astype(np.float32), box), gsd, time_s
+    )
 
 
 class LiveCanvas:
     """The tiles of one lattice: the newest in memory, the others on disk; one writer, readers in any thread."""
 
-    def __init__(self, lattice: LiveLattice, folder: Path, *, capacity: int = 320) -> None:
+    def __init__(self, lattice: LiveLattice, folder: Path, *, capacity: int = IN_MEMORY) -> None:
         self.lattice = lattice
         self._folder, self._capacity = folder, capacity
         self._tiles: OrderedDict[TileIndex, TilePlanes] = OrderedDict()
@@ -138,7 +147,7 @@ class LiveCanvas:
         self._dirty: set[TileIndex] = set()
         self._changed: set[TileIndex] = set()
         self._versions: dict[TileIndex, int] = {}
-        self._keys_of: dict[TileIndex, list[int]] = {}
+        self._seen: dict[TileIndex, int] = {}
         self._version = 0
         self._lock = threading.RLock()
 
@@ -152,33 +161,33 @@ class LiveCanvas:
         with self._lock:
             return sorted(self._versions)
 
-    def keys_of(self, tile: TileIndex) -> list[int]:
-        """Return the key frames that were pasted on a tile, in their order."""
-        with self._lock:
-            return list(self._keys_of.get(tile, ()))
-
     def version_of(self, tile: TileIndex) -> int:
         """Return the version at which a tile changed last, 0 where it shows nothing."""
         return self._versions.get(tile, 0)
 
-    def paste(self, key: int, sheet: Sheet) -> tuple[TileIndex, ...]:
-        """Paste a frame; return the tiles that it lies on."""
+    def paste(self, key: int, sheet: Sheet, *, is_look: bool = False) -> tuple[TileIndex, ...]:
+        """Paste a frame; return the tiles that it lies on.
+
+        A look shows what is there now: it is shown wherever it is as good as what was shown, and not drawn anew.
+        """
         touched: list[TileIndex] = []
+        lead = LOOK_LEAD if is_look else 0.0
         w = sheet.window
+        under = tiles_under(w)
         with self._lock:
             self._version += 1
-            for tile in tiles_under(w):
+            self._capacity = max(self._capacity, len(under) * 5 // 4)
+            for tile in under:
                 here, there = shared(w, tile)
                 if not sheet.inside[here].any():
                     continue
-                planes = self._planes(tile)
-                blend(planes, there, sheet, here, key)
-                self._versions[tile] = self._version
-                self._dirty.add(tile)
-                self._changed.add(tile)
-                keys = self._keys_of.setdefault(tile, [])
-                if key not in keys:
-                    keys.append(key)
+                if blend(self._planes(tile), there, sheet, here, key, lead) & DRAWN:
+                    self._versions[tile] = self._version
+                    self._dirty.add(tile)
+                    self._changed.add(tile)
+                self._seen[tile] = self._version
+                if not is_look:
+                    self._changed.add(tile)  # when it was seen last has changed
                 touched.append(tile)
         return tuple(touched)
 
@@ -193,8 +202,7 @@ class LiveCanvas:
                 self._tiles.move_to_end(tile)
                 self._dirty.add(tile)
                 self._changed.add(tile)
-                self._versions[tile] = self._version
-                self._keys_of[tile] = pasted[tile]
+                self._versions[tile] = self._seen[tile] = self._version
             self._shed()
 
     def window_of(self, tile: TileIndex) -> Window:
@@ -210,9 +218,9 @@ class LiveCanvas:
         top, left = min(rows), min(cols)
         return Window(left * TILE_PX, top * TILE_PX, (max(cols) - left + 1) * TILE_PX, (max(rows) - top + 1) * TILE_PX)
 
-    def version_in(self, window: Window) -> int:
-        """Return the newest version of any tile in a window."""
-        versions = self._versions
+    def version_in(self, window: Window, *, seen: bool = False) -> int:
+        """Return the newest version of any tile in a window; with ``seen`` of when and how well it was seen, too."""
+        versions = self._seen if seen else self._versions
         under = tiles_under(window)
         if len(under) <= len(versions):
             return max((versions.get(t, 0) for t in under), default=0)
@@ -251,6 +259,24 @@ class LiveCanvas:
             self._dirty.clear()
             return [(t, (p := self._planes(t)).rgba(), p.shown.copy()) for t in dirty]
 
+    def give_back(self, tiles: Iterable[TileIndex]) -> None:
+        """Take tiles for changed again: they could not be written."""
+        with self._lock:
+            self._dirty.update(tiles)
+
+    def under(self, window: Window, stride_px: int) -> Iterator[tuple[TilePlanes, Slices, Slices]]:
+        """Yield the tiles that show something in a window: planes, and which pixels of them are which of the window.
+
+        Every ``stride_px``-th of them; the window begins at a multiple of that. For the one who writes.
+        """
+        for tile in tiles_under(window):
+            with self._lock:
+                if tile not in self._versions:
+                    continue
+                planes = self._planes(tile)
+            here, there = (tuple(slice(s.start, s.stop, stride_px) for s in part) for part in shared(window, tile))
+            yield planes, (there[0], there[1]), (here[0], here[1])
+
     def _planes(self, tile: TileIndex) -> TilePlanes:
         planes = self._tiles.get(tile)
         if planes is None:
@@ -266,14 +292,14 @@ class LiveCanvas:
             if tile in self._versions:
                 self._folder.mkdir(parents=True, exist_ok=True)
                 np.savez(
-                    self._path(tile), rgb=planes.rgb, worth=planes.worth, shown=planes.shown, newest=planes.newest,
+                    self._path(tile), rgb=planes.rgb, worth=planes.worth, shown=planes.shown, seen_s=planes.seen_s,
                     gsd=planes.gsd,
                 )  # fmt: skip
                 self._stored.add(tile)
 
     def _load(self, tile: TileIndex) -> TilePlanes:
         with np.load(self._path(tile)) as kept:
-            return TilePlanes(kept["rgb"], kept["worth"], kept["shown"], kept["newest"], kept["gsd"])
+            return TilePlanes(kept["rgb"], kept["worth"], kept["shown"], kept["seen_s"], kept["gsd"])
 
     def _path(self, tile: TileIndex) -> Path:
         first = self.lattice.first_tile
@@ -299,26 +325,9 @@ def shared(window: Window, tile: TileIndex) -> tuple[Slices, Slices]:
     return here, np.s_[y0 - y : y1 - y, x0 - x : x1 - x]
 
 
-def blend(planes: TilePlanes, there: Slices, sheet: Sheet, here: Slices, key: int) -> None:
-    """Paste a part of a frame on a part of a tile."""
-    inside, worth, old = sheet.inside[here], sheet.worth[here], planes.worth[there]
-    gain = cv2.subtract(worth, old)  # nothing shown yet: the old worth is minus infinity, the gain without bounds
-    whole = cv2.bitwise_and(cv2.compare(gain, FEATHER / 2.0, cv2.CMP_GE), inside)
-    mixed = cv2.bitwise_and(cv2.inRange(gain, -FEATHER / 2.0, FEATHER / 2.0), cv2.subtract(inside, whole))
-    _put(planes.rgb, there, sheet.rgb[here], whole)
-    if cv2.countNonZero(mixed):
-        share = cv2.max(cv2.min(gain * np.float32(1.0 / FEATHER) + np.float32(0.5), 1.0), 0.0)
-        both = cv2.blendLinear(sheet.rgb[here], planes.rgb[there], share, np.float32(1.0) - share)
-        _put(planes.rgb, there, both, mixed)
-    better = cv2.bitwise_and(cv2.compare(gain, 0.0, cv2.CMP_GT), inside)
-    keys, gsd = np.full(inside.shape, key, np.int32), np.full(inside.shape, sheet.gsd, np.float32)
-    _put(planes.worth, there, worth, better)
-    _put(planes.shown, there, keys, better)
-    _put(planes.newest, there, cv2.max(planes.newest[there], keys), inside)
-    _put(planes.gsd, there, cv2.min(planes.gsd[there], gsd), inside)
-
-
-def _put(image: npt.NDArray[Any], part: Slices, values: npt.NDArray[Any], mask: ImageArray) -> None:
-    """Copy values into a part of an image where the mask is set."""
-    view = image[part]
-    cv2.copyTo(values, mask, view)
+def blend(planes: TilePlanes, there: Slices, sheet: Sheet, here: Slices, key: int, lead: float = 0.0) -> int:
+    """Paste a part of a frame on a part of a tile; return ``LAID`` and ``DRAWN`` as bits."""
+    return blend_pixels(
+        planes.rgb[there], planes.worth[there], planes.shown[there], planes.seen_s[there], planes.gsd[there],
+        sheet.rgb[here], sheet.inside[here], sheet.worth[here], key, sheet.time_s, sheet.gsd, lead,
+    )  # fmt: skip

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from photomap_gis.core.errors import DataError, OutputError, UsageError
+from photomap_gis.core.errors import DataError, OutputError
 from photomap_gis.core.frame import FrameRef, GpsFix
 from photomap_gis.core.live import FrameMoment, FrameSource, LiveClock, LiveTelemetry
 from photomap_gis.core.similarity import Similarity2D
@@ -27,7 +27,16 @@ from photomap_gis.live.graph import GraphWork, KeyNews
 from photomap_gis.live.graph_desk import GraphDesk, GraphHere, GraphProcess, recalled
 from photomap_gis.live.landing import LiveSummary, land
 from photomap_gis.live.locate import FromTelemetry
-from photomap_gis.live.opening import RECORDING, Ready, begin_session, is_video_file, resume_session, whole_keys
+from photomap_gis.live.opening import (
+    RECORDING,
+    Ready,
+    begin_session,
+    is_video_file,
+    refuse_flown,
+    resume_session,
+    take_new_names,
+    whole_keys,
+)
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.session import Session
 from photomap_gis.live.steps import Step
@@ -80,6 +89,7 @@ class Flight:
             starting_state(mission.folder.resolve().name, mission.folder, area_lon_lat=area, warnings=self.warnings),
         )
         self.on_second: Callable[[str], None] = lambda words: None
+        self.on_words: Callable[[str], None] = lambda words: None
         self.on_pose: Callable[[LivePose], None] = lambda pose: None
         self._said_s = -1e9
         graph: GraphDesk
@@ -97,6 +107,7 @@ class Flight:
         self.graph = graph
         self.session = Session(
             mission, stream, ready.locator, graph, self.view, options, realtime=realtime, on_step=self._step,
+            on_words=lambda words: self.on_words(words),
             skip_until=skip_until, skip_sources=frozenset(known or ()),
         )  # fmt: skip
         self._was_armed, self._realtime, self._lag_at_s = False, realtime, 0.0
@@ -136,7 +147,13 @@ class Flight:
         self.session.stop()
 
     def land(self, on_progress: Progress) -> MapSummary:
-        """Make the final map."""
+        """Make the final map; ``DataError`` where no frame came or none could be used."""
+        if not self.session.loop.tally.frames and not len(self.session.loop.chart):
+            raise DataError(
+                f"{self._stream.name}: no frame came, so there is no map; see that it sends, and start again "
+                "(the same -o may be used)"
+            )
+        take_new_names(self._ready.mission)
         self._ready.mission.__exit__()
 
         def told(end: LiveEnd) -> None:
@@ -239,10 +256,10 @@ def _opened(
     ingest = options.settings.ingest
     if is_video_file(source) and request.mavlink is None:
         return open_stream(source, realtime=request.realtime, options=ingest, clock=clock), None
-    recording = None if Path(source).exists() else folder / RECORDING
+    recording = None if is_video_file(source) else folder / RECORDING
     if recording is not None:
-        if Mission.exists(folder) and request.resume is None:
-            raise UsageError(f"{folder} holds a mission already: choose another folder by -o")
+        if request.resume is None:
+            refuse_flown(folder)
         try:
             recording.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -32,10 +32,14 @@ class CanvasFolder:
         """Write the tiles that changed since the last time; return how many."""
         dirty = self._canvas.take_dirty()
         first = self._canvas.lattice.first_tile
-        for tile, rgba, shown in dirty:
+        for done, (tile, rgba, shown) in enumerate(dirty):
             number = TileIndex(tile.row + first.row, tile.col + first.col)
-            write_quickly(tile_path(self._folder, number, SOURCE), encode_source(shown))
-            write_quickly(tile_path(self._folder, number), encode_tile(rgba))
+            try:
+                write_quickly(tile_path(self._folder, number, SOURCE), encode_source(shown))
+                write_quickly(tile_path(self._folder, number), encode_tile(rgba))
+            except OutputError:
+                self._canvas.give_back(t for t, _, _ in dirty[done:])
+                raise
         extent = _extent(self._canvas.tiles())
         if extent is not None and extent != self._extent:
             self._extent = extent

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +58,14 @@ class KeyNews:
     tie: Tie | None
 
 
+class _Held(NamedTuple):
+    """Of a registration that was accepted, what is asked for again: the motion between its planes."""
+
+    a: int
+    b: int
+    T_a_b: Similarity2D
+
+
 class GraphWork:
     """All that is known between key frames, and its solutions (a builder with one owner).
 
@@ -71,7 +81,7 @@ class GraphWork:
         self._start: dict[int, Similarity2D] = {}
         self._centre: FloatArray = np.zeros((0, 2))
         self._pose: dict[int, Similarity2D] = {}
-        self._accepted: dict[tuple[int, int], RegistrationRecord] = {}
+        self._accepted: dict[tuple[int, int], _Held] = {}
         self._tried: set[tuple[int, int]] = set()
         self._map_frame = mission.header.map_frame
         self._revision = 0
@@ -150,7 +160,6 @@ class GraphWork:
         return record.accepted
 
     def _hold(self, record: RegistrationRecord) -> None:
-        self._accepted[_key(record.a, record.b)] = record
         known = self._prepared.keys() >= {record.a, record.b}
         if known:
             leaning = [self._leaning(k) for k in (record.a, record.b)]
@@ -159,6 +168,11 @@ class GraphWork:
                 record.registration, self._prepared[record.a].T_plane_work, self._prepared[record.b].T_plane_work,
                 kind=record.kind, leaning=both,
             )  # fmt: skip
+            T_a_b, _ = record.registration.seen_from(
+                self._prepared[record.a].T_plane_work, self._prepared[record.b].T_plane_work
+            )
+            # An hour's flight has tens of thousands: all else stays in the journal.
+            self._accepted[_key(record.a, record.b)] = _Held(record.a, record.b, T_a_b)
 
     def _leaning(self, key: int) -> Leaning | None:
         focal = self._views[key].camera.focal_px
@@ -280,12 +294,11 @@ class GraphWork:
             other = r.a if r.b == k else r.b
             if other not in self._pose:
                 continue
-            T_a_b, _ = r.registration.seen_from(self._prepared[r.a].T_plane_work, self._prepared[r.b].T_plane_work)
-            return self._pose[other] @ (T_a_b if r.b == k else T_a_b.inverse())
+            return self._pose[other] @ (r.T_a_b if r.b == k else r.T_a_b.inverse())
         return self._start[k]
 
     def _with(self, k: int) -> list[tuple[int, int]]:
-        return [p for p in list(self._accepted)[-8:] if k in p]
+        return [p for p in islice(reversed(self._accepted), 8) if k in p][::-1]
 
     def _tells_place(self) -> bool:
         """Whether the fixes lie far enough apart to turn the map rightly."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -29,6 +29,8 @@ from photomap_gis.live.graph import KeyNews
 from photomap_gis.live.graph_desk import GraphDesk
 from photomap_gis.live.journal import LineLog
 from photomap_gis.live.lattice import LiveLattice
+from photomap_gis.live.light import Light
+from photomap_gis.live.look import Look
 from photomap_gis.live.painter import Painter, Redrawn
 from photomap_gis.live.steps import NewKey, Tie
 from photomap_gis.store import Mission, MissionPaths
@@ -83,7 +85,7 @@ class Told:
     tie: Tie
 
 
-Command = Lay | Take | Again | Move | Told
+Command = Lay | Take | Again | Look | Move | Told
 
 
 class KeptPixels:
@@ -91,6 +93,8 @@ class KeptPixels:
 
     def __init__(self, paths: MissionPaths, ref_of: Callable[[int], FrameRef]) -> None:
         self._paths, self._ref_of = paths, ref_of
+        self.renamed: dict[str, str] = {}
+        """Photos that have another name by now."""
         self._read = lru_cache(maxsize=4)(self._read_now)
 
     def __call__(self, key: int) -> ImageArray:
@@ -111,7 +115,7 @@ class KeptPixels:
                 return np.asarray(image, np.uint8)
         if ref.frame_number is not None:
             raise FrameReadError(f"{path} is missing or damaged")
-        return read_frame(ref).image
+        return read_frame(replace(ref, source=self.renamed.get(ref.source, ref.source))).image
 
 
 class Hand:
@@ -133,9 +137,12 @@ class Hand:
         self._revision = 0
         self._rows: FloatArray = np.zeros((0, 4))
         self._map_px = 1.0
+        self._light = Light()
         self.painter: Painter | None = None
         self._folder: CanvasFolder | None = None
-        self.pasted = 0
+        self.pasted = self.looks = 0
+        self.is_cut = False
+        """The disk takes no more key frames: they are shown, but the mission ends before the first that is missing."""
 
     @property
     def is_idle(self) -> bool:
@@ -154,11 +161,14 @@ class Hand:
                 if self.painter is not None:
                     self.painter.paste(command.key, command.placement, None, command.time_s)
                     self._on_tiles()
+            case Look():
+                self._look(command)
             case Move():
                 self._revision = command.revision
-                if self.painter is not None:
+                if self.painter is not None and not self.is_cut:
                     keys = self._moved_keys(command.chart) if command.keys is None else command.keys
-                    self._on_moved(command.revision, self.painter.adopt(command.chart.placement, keys))
+                    chart = command.chart
+                    self._on_moved(command.revision, self.painter.adopt(chart.placement, keys, len(chart)))
             case Told():
                 if self._graph is not None:
                     self._graph.tell(command.tie)
@@ -208,7 +218,7 @@ class Hand:
         planes = self._mission.folder / "cache" / "live" / command.epoch
         canvas = LiveCanvas(command.lattice, planes)
         self._folder = CanvasFolder(self._mission.mosaic_folder(), canvas, f"live-{command.epoch}")
-        self.painter = Painter(canvas, self._pixels, self._redrawn)
+        self.painter = Painter(canvas, self._pixels, self._redrawn, self._light)
         self._rows = np.zeros((0, 4))
         middle = canvas.lattice.grid.to_crs([[0.0, 0.0]])[0]
         self._map_px = canvas.lattice.grid.pixel_size * ground_per_unit(middle, canvas.lattice.frame)
@@ -219,6 +229,8 @@ class Hand:
         ref = key.ref
         image = command.picture.bgr
         try:
+            if self.is_cut:
+                return  # pasted all the same
             if ref.frame_number is not None:
                 self._keep(Frame(ref, image))
             self._mission.frames.append(ref)
@@ -226,12 +238,20 @@ class Hand:
                 self._graph.tell(KeyNews(ref, key.grey, key.belief.T_map_plane, key.tie))
         except PhotomapError as error:
             logger.warning("%s", error)
+            self.is_cut = True
             raise
         finally:
             if self.painter is not None and command.paste:
                 self.painter.paste(ref.index, command.placement, image, key.stream_time_s)
                 self.pasted += 1
                 self._on_tiles()
+
+    def _look(self, command: Look) -> None:
+        if self.painter is None or command.witness.is_spoilt():
+            return
+        self.painter.look(command.key, command.placement, command.picture.bgr, command.time_s)
+        self.looks += 1
+        self._on_tiles()
 
     def _keep(self, frame: Frame) -> None:
         ok, jpeg = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])

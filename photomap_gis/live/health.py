@@ -27,6 +27,7 @@ class HealthWatch:
         self._told_at_s = -1e9
         self._now_s = 0.0
         self._words: list[str] = []
+        self._lost = ""
         self._pieces = self._keys = 0
         self.snapped = False
 
@@ -37,8 +38,8 @@ class HealthWatch:
 
     def hear(self, gap: StreamGap) -> None:
         """Take in what the source tells of its link."""
-        if gap.kind in (GapKind.LINK_LOST, GapKind.WAITING, GapKind.NO_KEY_FRAME):
-            self._link = LinkState.LOST
+        if gap.kind in (GapKind.LINK_LOST, GapKind.WAITING, GapKind.NO_KEY_FRAME, GapKind.UNUSABLE):
+            self._link, self._lost = LinkState.LOST, gap.message
         elif gap.kind is GapKind.RECONNECTED:
             self._link = LinkState.OK
         elif gap.kind is GapKind.RECORDING_STOPPED:
@@ -78,7 +79,7 @@ class HealthWatch:
     def _spoken(self) -> list[str]:
         words = []
         if self._link is LinkState.LOST:
-            words.append("link lost: waiting for pictures")
+            words.append(self._lost or "link lost: waiting for pictures")
         elif self._link is LinkState.WAITING:
             words.append("the map waits: pictures cannot be placed just now")
         if self._gps() is GpsState.LOST:

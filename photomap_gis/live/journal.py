@@ -8,9 +8,10 @@ session loses at most the line it was writing.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,15 +24,21 @@ FOLDER, SESSION, JOURNAL, RENDER = "live", "session.json", "journal.jsonl", "ren
 
 
 class LineLog:
-    """A file of JSON objects that is only appended to; safe among threads."""
+    """A file of JSON objects that is only appended to; safe among threads.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    With ``on_failure`` a disk that takes no more is told to it, once, and later lines are left out: what follows a hole
+    could not be replayed.
+    """
+
+    def __init__(self, path: Path, on_failure: Callable[[OutputError], None] | None = None) -> None:
+        self._path, self._on_failure, self._failed = path, on_failure, False
         self._file: IO[bytes] | None = None
         self._lock = threading.Lock()
 
     def write(self, what: str, **values: Any) -> None:
         """Append a line; ``OutputError`` where the disk does not take it."""
+        if self._failed:
+            return
         line = json.dumps({"t": what, **values}, separators=(",", ":")).encode() + b"\n"
         try:
             with self._lock:
@@ -41,12 +48,17 @@ class LineLog:
                 self._file.write(line)
                 self._file.flush()
         except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk") from error
+            failure = OutputError(f"cannot write {self._path}: {error.strerror}; free or choose another disk")
+            if self._on_failure is None:
+                raise failure from error
+            self._failed = True
+            self._on_failure(failure)
 
     def close(self) -> None:
         """Let go of the file."""
         if self._file is not None:
-            self._file.close()
+            with contextlib.suppress(OSError):  # what a full disk did not take
+                self._file.close()
             self._file = None
 
 

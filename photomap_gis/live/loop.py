@@ -17,9 +17,10 @@ from photomap_gis.live.frame_line import place_of, pose_numbers
 from photomap_gis.live.hand import Again, Command, Lay, Move, Take, Told
 from photomap_gis.live.journal import LineLog
 from photomap_gis.live.lattice import choose_lattice
+from photomap_gis.live.look import Look, LookClock
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.steps import FrameState, NewKey, Step
-from photomap_gis.live.tracker import Tracker, is_video, wide_covariance
+from photomap_gis.live.tracker import Tracker, frame_placement, is_video, wide_covariance
 
 MERGED_S = 1.0
 MOST_INTERVALS = 5000
@@ -66,6 +67,7 @@ class FlightLoop:
         self._epoch = 0
         self._max_off_nadir_rad = options.settings.max_off_nadir_rad
         self._held: tuple[FrameRef, Picture] | None = None
+        self._looks = LookClock()
 
     @property
     def chart(self) -> Chart:
@@ -77,11 +79,11 @@ class FlightLoop:
         """Names the canvas of now."""
         return str(self._epoch)
 
-    def take(self, frame: LiveFrame, ref: FrameRef) -> tuple[Step, list[Command]]:
-        """Take the next frame; ``ref`` is what is known of it."""
+    def take(self, frame: LiveFrame, ref: FrameRef, *, may_look: bool = True) -> tuple[Step, list[Command]]:
+        """Take the next frame; ``ref`` is what is known of it. ``may_look`` allows for a look where one is due."""
         if is_video(ref) and ref.frame_number is None:
             ref = replace(ref, frame_number=frame.index)  # its pixels are kept by the mission
-        step = self.tracker.take(ref, frame.grey, frame.stream_time_s)
+        step = self.tracker.take(ref, frame.grey, frame.stream_time_s, is_suspect=frame.is_suspect)
         commands: list[Command] = []
         if step.promoted is not None:
             held = self._held
@@ -91,6 +93,9 @@ class FlightLoop:
         if step.joined is not None:
             commands.append(Told(step.joined.tie))
             commands.append(Move(self.chart.snapshot(), self.chart.revision, step.joined.moved))
+        look = self._look_at(step, frame) if may_look else None
+        if look is not None:
+            commands.append(look)
         if step.state is FrameState.TRACKED:
             self._held = (ref, frame.picture)
         self._count(step, frame)
@@ -98,7 +103,8 @@ class FlightLoop:
             self._log.write(
                 "frame", n=frame.index, s=frame.stream_time_s, state=step.state.value, p=place_of(ref),
                 pose=pose_numbers(step), seg=step.segment, key=None if step.key is None else step.key.ref.index,
-                rev=self.chart.revision, why=step.reason,
+                rev=self.chart.revision, why=step.reason, suspect=frame.is_suspect,
+                **({} if look is None else {"look": True}),
             )  # fmt: skip
         return step, commands
 
@@ -172,6 +178,24 @@ class FlightLoop:
         if self._epoch == 0:
             commands.append(self._lay(self.chart, key.ref.index))
         return [*commands, Take(key, picture, placement, self._is_steep(key.ref))]
+
+    def _look_at(self, step: Step, frame: LiveFrame) -> Look | None:
+        """Return the command to paste a frame that is no key frame, where one is due."""
+        is_due = self._looks.is_due(frame.stream_time_s)
+        if step.key is not None or step.promoted is not None:
+            self._looks.pasted(frame.stream_time_s)
+            return None
+        if not is_due or step.witness is None or self._key_now is None or not self._is_steep(step.ref):
+            return None
+        placement = frame_placement(step)
+        if placement is None:
+            return None
+        self._looks.pasted(frame.stream_time_s)
+        return Look(self._key_now, frame.picture, placement, frame.stream_time_s, step.witness)
+
+    @property
+    def _key_now(self) -> int | None:
+        return len(self.chart) - 1 if len(self.chart) else None
 
     def _is_steep(self, ref: FrameRef) -> bool:
         """Whether a frame looks down steeply enough to be pasted, as far as is known."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,8 +17,10 @@ from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.live import FrameSource, LiveTelemetry
 from photomap_gis.georef import resolve_crs
 from photomap_gis.ingest import open_sources
+from photomap_gis.ingest.box_files import is_recording, read_contents
 from photomap_gis.ingest.sources import VIDEO_SUFFIXES
-from photomap_gis.live.journal import load_session, save_session
+from photomap_gis.ingest.stream.opening import STREAM_SUFFIXES
+from photomap_gis.live.journal import FOLDER, SESSION, load_session, save_session
 from photomap_gis.live.locate import FromLog, FromTelemetry, Locator
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.pipeline.opening import kept_settings
@@ -52,15 +55,29 @@ def locator_of(source: str, options: LiveOptions, telemetry: LiveTelemetry | Non
     return FromLog(footage.frames, flights=footage.flights, tracks=footage.tracks, warnings=footage.warnings)
 
 
+def refuse_flown(folder: Path) -> None:
+    """Raise ``UsageError`` where a folder holds a mission; one that never saw a frame is begun anew."""
+    if not Mission.exists(folder):
+        return
+    if (folder / FOLDER / SESSION).is_file() and not any(folder.glob(f"{RECORDING}/piece-*")):
+        with Mission.open(folder) as mission:
+            flown = any(True for _ in mission.frames)
+        if not flown:
+            shutil.rmtree(folder / FOLDER)
+            shutil.rmtree(folder / RECORDING, ignore_errors=True)
+            (folder / "mission.json").unlink()
+            return
+    raise UsageError(
+        f"{folder} holds a mission already: go on with it by 'photomap live --resume {folder}', "
+        "or choose another folder by -o"
+    )
+
+
 def begin_session(
     source: str, folder: Path, stream: FrameSource, options: LiveOptions, telemetry: LiveTelemetry | None = None
 ) -> Ready:
     """Make the mission of a new session; ``UsageError`` where the folder holds one already."""
-    if Mission.exists(folder):
-        raise UsageError(
-            f"{folder} holds a mission already: go on with it by 'photomap live --resume {folder}', "
-            "or choose another folder by -o"
-        )
+    refuse_flown(folder)
     if options.settings.crs is not None:
         resolve_crs(options.settings.crs)
     locator = locator_of(source, options, telemetry)
@@ -85,6 +102,7 @@ def resume_session(folder: Path, telemetry: LiveTelemetry | None = None) -> tupl
     """Open the mission of a session that was cut off, and return its source; ``DataError`` where there is none."""
     document = load_session(folder)
     mission = Mission.open(folder)
+    take_new_names(mission)
     try:
         source = str(document["source"])
         options = LiveOptions(settings=kept_settings(mission), **_options_of(document["options"]))
@@ -105,7 +123,18 @@ def session_options(folder: Path, mission: Mission) -> LiveOptions:
 def recorded_at(source: str, folder: Path) -> Path:
     """Return where the recording of a source lies: the file itself, a folder of photos, or the mission's black box."""
     path = Path(source)
-    return path.absolute() if path.exists() else (folder / RECORDING).absolute()
+    is_file = path.is_file() and path.suffix.lower() not in STREAM_SUFFIXES  # those only say where a stream is
+    return path.absolute() if is_file or path.is_dir() else (folder / RECORDING).absolute()
+
+
+def take_new_names(mission: Mission) -> None:
+    """Look for photos under the names that they were given while they were flown."""
+    box = mission.folder / RECORDING
+    if not is_recording(box):
+        return
+    names = {str(p["was"]): str(p["path"]) for p in read_contents(box).of_kind("photo") if "was" in p}
+    if any(r.source in names for r in mission.frames):
+        mission.frames.replace([replace(r, source=names.get(r.source, r.source)) for r in mission.frames])
 
 
 def whole_keys(mission: Mission) -> list[FrameRef]:

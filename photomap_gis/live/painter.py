@@ -9,17 +9,19 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from photomap_gis.core.errors import PhotomapError
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.grid import TileIndex, Window
-from photomap_gis.core.placement import FramePlacement
+from photomap_gis.core.placement import FramePlacement, PlanePlacement
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.live.canvas import LiveCanvas, Sheet, TilePlanes, blend, shared, sheet_of, tiles_under
 from photomap_gis.live.lattice import TILE_PX, LiveLattice
+from photomap_gis.live.light import Light, brightened
+from photomap_gis.live.outlines import Outlines, tiles_in
 
 logger = logging.getLogger(__name__)
 
@@ -28,8 +30,8 @@ MOVED_PX, FAR_MOVED_PX = 0.5, 2.0
 NEAR_TILES = 6
 BLOCK_TILES = 24
 """So many tiles at most are drawn anew at once."""
-CROWDED_SHARE, CROWDED_TURN_RAD = 0.18, 0.03
-"""Drawn anew is, of key frames in a row that look the same way, only one in each such share of a frame."""
+LOOK_MARGIN = 0.15
+"""Looks that hang on a key frame may lie beyond it by such a share of it: they move with it."""
 
 Placer = Callable[[int], FramePlacement]
 
@@ -40,6 +42,17 @@ class Redrawn:
 
     tiles: tuple[TileIndex, ...]
     keys: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """The newest look, kept to be shown again where tiles are drawn anew."""
+
+    key: int
+    placement: FramePlacement
+    image: ImageArray
+    time_s: float
+    gain: float = 1.0
 
 
 @dataclass(slots=True, eq=False)
@@ -86,17 +99,20 @@ class Painter:
         canvas: LiveCanvas,
         pixels: Callable[[int], ImageArray],
         on_redrawn: Callable[[Redrawn], None] = lambda done: None,
+        light: Light | None = None,
     ) -> None:
         self.canvas = canvas
+        self._light = light or Light()
         self._pixels, self._on_redrawn = pixels, on_redrawn
-        self._placements: dict[int, FramePlacement] = {}
+        self._placements: dict[int, FramePlacement] = {}  # of key frames that the chart of before did not know
+        self._placer: Placer | None = None
         self._times: dict[int, float] = {}
-        self._drawn: dict[int, FloatArray] = {}
-        self._newest: dict[int, FloatArray] = {}
+        self._latest_s = 0.0
+        self._drawn, self._newest = Outlines(), Outlines()
         self._stale: set[TileIndex] = set()
-        self._tiles_of: dict[int, set[TileIndex]] = {}
         self._redrawing: _Redrawing | None = None
         self._focus: FloatArray = np.zeros(2)
+        self._newest_look: _Look | None = None
 
     @property
     def is_idle(self) -> bool:
@@ -111,6 +127,7 @@ class Painter:
     def paste(self, key: int, placement: FramePlacement, image: ImageArray | None, time_s: float) -> bool:
         """Paste a key frame; return whether it lies on the map anywhere."""
         self._placements[key], self._times[key] = placement, time_s
+        self._latest_s = max(self._latest_s, time_s)
         corners = self._corners(placement)
         self._newest[key] = self._drawn[key] = corners
         if np.isfinite(corners).all():
@@ -118,22 +135,38 @@ class Painter:
         sheet = self._sheet(key, image)
         if sheet is None:
             return False
-        touched = self.canvas.paste(key, sheet)
-        self._tiles_of[key] = set(touched)
+        touched = self.canvas.paste(key, brightened(sheet, self._light.take(key, sheet, self.canvas)))
         if self._redrawing is not None and self._redrawing.tiles & set(touched):
             self._redrawing.keys.append(key)  # as kept: so will a replay draw it
         return bool(touched)
 
-    def adopt(self, placer: Placer, keys: Iterable[int]) -> float:
-        """Take new placements over; return by how many pixels the map moves most, near the newest key frame."""
+    def look(self, key: int, placement: FramePlacement, image: ImageArray, time_s: float) -> bool:
+        """Paste a frame that hangs on a key frame and is none itself; return whether it lies on the map anywhere."""
+        look = _Look(key, placement, image, time_s)
+        sheet = self._sheet_of_look(look)
+        if sheet is None:
+            self._newest_look = look
+            return False
+        gain = self._light.measured(sheet, self.canvas)
+        self._newest_look = replace(look, gain=gain)
+        return bool(self.canvas.paste(key, brightened(sheet, gain), is_look=True))
+
+    def adopt(self, placer: Placer, keys: Iterable[int], known: int = 0) -> float:
+        """Take new placements over; return by how many pixels the map moves most, near the newest key frame.
+
+        Key frames below ``known`` are drawn as ``placer`` says from now on; ``keys`` are those that have moved.
+        """
         pending = {} if self._redrawing is None else dict.fromkeys(self._redrawing.tiles)
         most = 0.0
         for key in keys:
             if key not in self._times:
                 continue
             placement = placer(key)
+            self._carry_look(key, placement)
             corners = self._corners(placement)
-            self._placements[key], self._newest[key] = placement, corners
+            self._newest[key] = corners
+            if key >= known:
+                self._placements[key] = placement
             if not np.isfinite(corners).all():
                 continue
             near = self._is_near(corners)
@@ -141,9 +174,13 @@ class Painter:
             if near:
                 most = max(most, moved)
             if moved > (MOVED_PX if near else FAR_MOVED_PX):
-                self._stale |= self._tiles_of.get(key, set()) | set(_tiles_of(corners))
+                self._stale.update(tiles_in(self._drawn[key], LOOK_MARGIN), tiles_in(corners))
+                self._drawn[key] = corners  # as it will be: stale tiles are drawn by what is the newest then
         self._stale |= set(pending)
         self._redrawing = None
+        self._placer = placer
+        for key in [k for k in self._placements if k < known]:
+            del self._placements[key]
         return most
 
     def step(self) -> bool:
@@ -156,7 +193,7 @@ class Painter:
         assert redrawing is not None
         if redrawing.keys:
             key = redrawing.keys.popleft()
-            redrawing.take(key, self._sheet(key, None, redrawing.clip))
+            redrawing.take(key, self._bright_sheet(key, redrawing.clip))
             return True
         self._finish(redrawing)
         return bool(self._stale)
@@ -166,33 +203,41 @@ class Painter:
         redrawing = _Redrawing.of(tiles, keys)
         while redrawing.keys:
             key = redrawing.keys.popleft()
-            redrawing.take(key, self._sheet(key, None, redrawing.clip))
+            redrawing.take(key, self._bright_sheet(key, redrawing.clip))
         self._finish(redrawing)
 
     def _begin(self, tiles: Sequence[TileIndex]) -> None:
         self._stale -= set(tiles)
-        wanted = set(tiles)
-        keys = sorted(
-            k for k, corners in self._newest.items()
-            if np.isfinite(corners).all() and not wanted.isdisjoint(_tiles_of(corners))
-        )  # fmt: skip
-        self._redrawing = _Redrawing.of(tiles, self._thinned(keys))
+        keys = [k for k in self._newest.over(tiles) if k in self._times]
+        self._redrawing = _Redrawing.of(tiles, self._newest.worth_drawing(keys, tiles))
 
     def _finish(self, redrawing: _Redrawing) -> None:
         self._redrawing = None
-        for tile, keys in redrawing.pasted.items():
-            for key in self.canvas.keys_of(tile):
-                self._tiles_of.get(key, set()).discard(tile)
-            for key in keys:
-                self._tiles_of.setdefault(key, set()).add(tile)
         self.canvas.replace(redrawing.fresh, redrawing.pasted)
-        for key in redrawing.done:
-            if not (self._tiles_of.get(key, set()) & self._stale):
-                self._drawn[key] = self._newest[key]
-        left_out = {k for t in redrawing.tiles for k in self._newest if t in self._tiles_of.get(k, set())}
-        for key in left_out:
-            self._drawn[key] = self._newest[key]
+        if self._newest_look is not None and self._newest_look.time_s >= self._latest_s:
+            self._look_again(self._newest_look, redrawing)
         self._on_redrawn(Redrawn(tuple(sorted(redrawing.tiles)), tuple(redrawing.done)))
+
+    def _look_again(self, look: _Look, redrawing: _Redrawing) -> None:
+        """Show the newest look on tiles that were drawn anew by key frames."""
+        sheet = self._sheet_of_look(look, redrawing.clip)
+        if sheet is not None:
+            self.canvas.paste(look.key, brightened(sheet, look.gain), is_look=True)
+
+    def _sheet_of_look(self, look: _Look, clip: Window | None = None) -> Sheet | None:
+        return sheet_of(look.placement, look.image, self.canvas.lattice, look.time_s, clip)
+
+    def _carry_look(self, key: int, placement: FramePlacement) -> None:
+        """Move the newest look as the key frame moves on which it hangs."""
+        look = self._newest_look
+        if look is None or look.key != key:
+            return
+        old, new, its = (p.camera_to_map for p in (self._placement(key), placement, look.placement))
+        if isinstance(old, PlanePlacement) and isinstance(new, PlanePlacement) and isinstance(its, PlanePlacement):
+            T = new.T_map_plane @ old.T_map_plane.inverse() @ its.T_map_plane
+            self._newest_look = replace(
+                look, placement=replace(look.placement, camera_to_map=replace(its, T_map_plane=T))
+            )
 
     def _block(self) -> list[TileIndex]:
         """Return stale tiles that lie together, those near the drone first: they are what is looked at."""
@@ -204,27 +249,24 @@ class Painter:
         reach = NEAR_TILES
         return [t for t in around if max(abs(t.row - nearest.row), abs(t.col - nearest.col)) <= reach][:BLOCK_TILES]
 
-    def _thinned(self, keys: Sequence[int]) -> list[int]:
-        """Leave out key frames in a row that lie close to the last one that is drawn."""
-        kept: list[int] = []
-        for n, key in enumerate(keys):
-            if kept and key - 1 in keys[max(0, n - 1) : n] and n + 1 < len(keys) and keys[n + 1] == key + 1:
-                a, b = self._newest[kept[-1]], self._newest[key]
-                side = float(np.hypot(*(b[1] - b[0])))
-                turn = abs(np.angle(complex(*(b[1] - b[0])) / complex(*(a[1] - a[0]))))
-                apart = float(np.hypot(*(b.mean(axis=0) - a.mean(axis=0))))
-                if apart < CROWDED_SHARE * side and turn < CROWDED_TURN_RAD:
-                    continue
-            kept.append(key)
-        return kept
-
     def _sheet(self, key: int, image: ImageArray | None, clip: Window | None = None) -> Sheet | None:
         try:
             pixels = self._pixels(key) if image is None else image
         except PhotomapError as error:
             logger.warning("%s", error)
             return None
-        return sheet_of(self._placements[key], pixels, self.canvas.lattice, self._times[key], clip)
+        return sheet_of(self._placement(key), pixels, self.canvas.lattice, self._times[key], clip)
+
+    def _placement(self, key: int) -> FramePlacement:
+        known = self._placements.get(key)
+        if known is not None:
+            return known
+        assert self._placer is not None  # it knows all others
+        return self._placer(key)
+
+    def _bright_sheet(self, key: int, clip: Window) -> Sheet | None:
+        sheet = self._sheet(key, None, clip)
+        return None if sheet is None else brightened(sheet, self._light.of(key))
 
     def _corners(self, placement: FramePlacement) -> FloatArray:
         """``(4, 2)`` the frame's corners in pixels of the lattice, clockwise from the first pixel's."""
@@ -235,11 +277,3 @@ class Painter:
 
     def _is_near(self, corners: FloatArray) -> bool:
         return bool(np.abs(corners.mean(axis=0) - self._focus).max() <= NEAR_TILES * TILE_PX)
-
-
-def _tiles_of(corners: FloatArray) -> list[TileIndex]:
-    """Return the tiles under the box around four corners."""
-    (x0, y0), (x1, y1) = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int) + 1
-    if (x1 - x0) * (y1 - y0) > 64 * TILE_PX * TILE_PX * 16:
-        return []
-    return tiles_under(Window(int(x0), int(y0), int(x1 - x0), int(y1 - y0)))

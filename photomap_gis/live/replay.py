@@ -20,6 +20,7 @@ from photomap_gis.core.errors import DataError
 from photomap_gis.core.frame import Footage
 from photomap_gis.core.grid import MapFrame
 from photomap_gis.core.live import FrameSource, LiveFrame
+from photomap_gis.ingest.box_files import is_recording
 from photomap_gis.ingest.stream import open_stream
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.frame_line import pose_numbers
@@ -28,7 +29,7 @@ from photomap_gis.live.hand import Command, Hand, KeptPixels, canvas_digest
 from photomap_gis.live.journal import FOLDER, JOURNAL, RENDER, LineLog, load_session, read_lines
 from photomap_gis.live.locate import FromJournal, FromTelemetry
 from photomap_gis.live.loop import FlightLoop
-from photomap_gis.live.opening import is_video_file, locator_of, session_options
+from photomap_gis.live.opening import RECORDING, is_video_file, locator_of, session_options
 from photomap_gis.live.steps import Tie
 from photomap_gis.store import Mission
 
@@ -113,7 +114,10 @@ def replay(
     with Mission.open(folder) as mission:
         options = session_options(folder, mission)
         header = mission.header
-    source = str(document["source"]) if is_video_file(str(document["source"])) else header.sources[0]
+    box = folder / RECORDING
+    played = str(document["source"])
+    # what came in which order into a folder of photos, too, only the recording knows
+    source = played if is_video_file(played) else str(box) if is_recording(box) else header.sources[0]
     stream = open_stream(source, realtime=False, options=options.settings.ingest)
     base = locator_of(source, options, None) if is_video_file(source) else FromTelemetry()
     threads = cv2.getNumThreads()
@@ -177,7 +181,7 @@ def _flown(
             if frame is None or frame.index != number:
                 raise DataError(f"the recording has no frame {number}: is it whole, and the same?")
             frame = as_taken(frame, line)
-            step, commands = loop.take(frame, locator.place(frame))
+            step, commands = loop.take(frame, locator.place(frame), may_look=bool(line.get("look")))
             do(commands)
             difference = _difference(line.get("pose"), pose_numbers(step))
             poses += line.get("pose") is not None
@@ -195,8 +199,13 @@ def _flown(
 
 
 def as_taken(frame: LiveFrame, line: Mapping[str, Any]) -> LiveFrame:
-    """Return a frame with the stream time of its journal line: photos of a folder go on, after a gap, as they came."""
-    return replace(frame, ref=replace(frame.ref, pts_s=float(line["s"])))
+    """Return a frame as its journal line tells of it.
+
+    Its stream time: photos of a folder go on, after a gap, as they came. Whether data was missing: what was recorded
+    may be decoded from another packet on.
+    """
+    ref = replace(frame.ref, pts_s=float(line["s"]))
+    return replace(frame, ref=ref, is_suspect=bool(line.get("suspect", False)))
 
 
 def _difference(then: list[float] | None, now: list[float] | None) -> float:

@@ -21,8 +21,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from photomap_gis.core.errors import PhotomapError
-from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap
+from photomap_gis.core.errors import DataError, PhotomapError
+from photomap_gis.core.live import FrameSource, LiveFrame, StreamEnd, StreamEvent, StreamGap, StreamRenamed
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.chart import LiveSolution
 from photomap_gis.live.graph_desk import GraphDesk
@@ -30,10 +30,11 @@ from photomap_gis.live.hand import Command, Hand, KeptPixels, Take, canvas_diges
 from photomap_gis.live.health import HealthWatch
 from photomap_gis.live.journal import FOLDER, JOURNAL, RENDER, LineLog
 from photomap_gis.live.locate import Locator
+from photomap_gis.live.look import Look
 from photomap_gis.live.loop import FlightLoop
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.steps import Step
-from photomap_gis.live.tracker import frame_placement
+from photomap_gis.live.tracker import frame_placement, is_video
 from photomap_gis.live.view import LiveView
 from photomap_gis.server.live_view import (
     LivePhase,
@@ -49,6 +50,8 @@ logger = logging.getLogger(__name__)
 
 QUEUE = 2
 """Frames that wait for the loop; the oldest is dropped where more come."""
+MOST_WAITING = 3
+"""Commands that wait for the hand; where more do, no looks are taken: key frames go first."""
 FLUSH_EVERY_S = 2.0
 FLUSH_EVERY_KEYS = 24
 LAST_REDRAW_S = 5.0
@@ -81,15 +84,17 @@ class Session:
         *,
         realtime: bool,
         on_step: Callable[[Step], None] = lambda step: None,
+        on_words: Callable[[str], None] = lambda words: None,
         skip_until: int = -1,
         skip_sources: frozenset[str] = frozenset(),
     ) -> None:
         self._mission, self._source, self._locator, self._graph = mission, source, locator, graph
         self.view, self._options, self._realtime = view, options, realtime
+        self.on_words = on_words
         self._on_step, self._skip_until, self._skip_sources = on_step, skip_until, skip_sources
         (mission.folder / FOLDER).mkdir(exist_ok=True)
-        self._log = LineLog(mission.folder / FOLDER / JOURNAL)
-        self._render_log = LineLog(mission.folder / FOLDER / RENDER)
+        self._log = LineLog(mission.folder / FOLDER / JOURNAL, self._disk_failed)
+        self._render_log = LineLog(mission.folder / FOLDER / RENDER, self._disk_failed)
         self.pixels = KeptPixels(mission.paths, lambda k: self.loop.chart.refs[k])
         self.loop = FlightLoop(options, self.pixels.grey, self._log)
         self.hand = Hand(
@@ -135,7 +140,7 @@ class Session:
             until = time.monotonic() + (LAST_REDRAW_S if self._realtime else math.inf)
             while self.hand.idle() and time.monotonic() < until:
                 pass
-            self.hand.flush()
+            self._flush_now()
             if self.hand.painter is not None:
                 self._log.write("landed", canvas=canvas_digest(self.hand.painter.canvas), frames=self.loop.tally.frames)
             self._log.close()
@@ -181,6 +186,9 @@ class Session:
                 if self._is_known(event):
                     continue
                 with self._arrived:
+                    # Photos wait in their folder: each is worth a whole second of video, so none is dropped.
+                    while not is_video(event.ref) and len(self._frames) >= QUEUE and not self._stop.is_set():
+                        self._arrived.wait(0.2)
                     self._frames.append(event)
                     while len(self._frames) > QUEUE:
                         old = self._frames.popleft()
@@ -188,6 +196,9 @@ class Session:
                     self._arrived.notify()
         except PhotomapError as error:
             self.failure = error
+        except Exception as error:
+            logger.exception("reading the source failed")
+            self.failure = DataError(f"internal fault in reading the source ({type(error).__name__}: {error})")
         finally:
             with self._arrived:
                 if self._ended is None:
@@ -200,6 +211,7 @@ class Session:
                 if self._ended is not None or self._stop.is_set():
                     return None
                 self._arrived.wait(0.2)
+            self._arrived.notify()
             return self._frames.popleft()
 
     def _work(self) -> None:
@@ -233,19 +245,32 @@ class Session:
         try:
             self.hand.do(command)
         except PhotomapError as error:  # a full disk: what cannot be kept is told, the flight goes on
-            self.failure = error
-            self.health.say(str(error))
-        if isinstance(command, Take) and self._waiting_keys:
+            self._disk_failed(error)
+        except Exception as error:  # a fault of ours must not end the drawing unseen, nor the flight
+            logger.exception("a command of the live map failed")
+            self._disk_failed(DataError(f"internal fault in drawing the map ({type(error).__name__}: {error})"))
+        if isinstance(command, Take | Look) and self._waiting_keys:
             self.latencies.paste.append(1000.0 * (time.monotonic() - self._waiting_keys.popleft()))
 
     def _flush(self) -> None:
         now = time.monotonic()
         if now - self._flushed_at >= FLUSH_EVERY_S:
             self._flushed_at = now
-            try:
-                self.hand.flush()
-            except PhotomapError as error:
-                self.health.say(str(error))
+            self._flush_now()
+
+    def _flush_now(self) -> None:
+        try:
+            self.hand.flush()
+        except PhotomapError as error:
+            self._disk_failed(error)
+
+    def _disk_failed(self, error: PhotomapError) -> None:
+        """Tell of what cannot be kept any more; the flight goes on, on the screen."""
+        first, self.failure = self.failure is None, error
+        self.health.say(f"not kept any more, only shown: {error}")
+        if first:
+            logger.warning("%s", error)
+            self.on_words(f"{error}. The flight goes on, but only what was kept until now is there after it")
 
     # the loop's step, whatever the threads
 
@@ -253,7 +278,7 @@ class Session:
         self._adopt(frame.stream_time_s)
         ref = self._locator.place(frame)
         began, began_cpu = time.monotonic(), time.thread_time()
-        step, commands = self.loop.take(frame, ref)
+        step, commands = self.loop.take(frame, ref, may_look=self._commands.qsize() < MOST_WAITING)
         self.latencies.step.append(1000.0 * (time.monotonic() - began))
         self.latencies.step_cpu.append(1000.0 * (time.thread_time() - began_cpu))
         self._publish(frame, step)
@@ -261,7 +286,7 @@ class Session:
             self.latencies.pose.append(1000.0 * (time.monotonic() - frame.arrival_s))
         for command in commands:
             if self._realtime:
-                if isinstance(command, Take):
+                if isinstance(command, Take | Look):
                     self._waiting_keys.append(frame.arrival_s)
                 self._commands.put(command)
             else:
@@ -300,7 +325,10 @@ class Session:
         if isinstance(event, StreamGap):
             self.loop.hear(event)
             self.health.hear(event)
+            self.on_words(event.message)
             self._tell_health()
+        elif isinstance(event, StreamRenamed):
+            self.pixels.renamed[event.path] = event.to
         elif isinstance(event, StreamEnd):
             self._ended = event
 
@@ -323,7 +351,8 @@ class Session:
             self.view.tell(
                 LiveSegment(step.joined.segment, pose.frame, step.joined.into, "recognised: the pieces are one again")
             )
-        if placement is not None and placement.segment is not None:
+        # Where the map has found its place on Earth but is not laid anew yet, the two do not speak of the same numbers.
+        if placement is not None and self.view.state.map_frame == chart.map_frame:
             self.view.still.put(pose.frame, time_s, frame.picture, placement)
         if self.health.step(step, time_s, self.latencies.step[-1], self.loop.tracker.pieces, len(chart)):
             self._tell_health()

@@ -10,6 +10,7 @@ from photomap_gis.core.frame import FrameRef, ImageArray
 from photomap_gis.core.posegraph import EdgeKind
 from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.live.chart import Belief
+from photomap_gis.live.look import Witness
 
 
 class FrameState(StrEnum):
@@ -60,6 +61,7 @@ class Step:
     """What the loop made of a frame: its pose (``None``: the map waits), and what else it decided.
 
     ``promoted`` is the frame before, where it became a key frame because this one does not reach back any further.
+    ``witness`` tells of a frame that was tracked whether it is spoilt in part.
     """
 
     ref: FrameRef
@@ -73,3 +75,4 @@ class Step:
     joined: Joined | None = None
     began: int | None = None
     probability: float = 0.0
+    witness: Witness | None = None

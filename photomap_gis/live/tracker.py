@@ -37,6 +37,7 @@ from photomap_gis.ifmi.frames.verdict import GOOD
 from photomap_gis.ifmi.working import shrink
 from photomap_gis.ingest.stills import PHOTO_SUFFIXES
 from photomap_gis.live.chart import Belief, Chart, LiveSolution, placed
+from photomap_gis.live.look import Witness
 from photomap_gis.live.options import LiveOptions
 from photomap_gis.live.steps import FrameState, Joined, NewKey, Step, Tie
 from photomap_gis.pipeline.solved import plane_outline
@@ -48,15 +49,13 @@ PRIOR_UP_TO_S = 0.7
 FOREIGN_SIGMA = 0.4
 """How far, as a share of the frame, a new segment may lie off where it is believed, at first."""
 RECENT = 48
-"""Spectra of the newest key frames that are kept in memory."""
-BELIEVED_DOUBT = 0.5
+"""Small pictures of the newest key frames that are kept in memory: a spectrum is made of one in a few milliseconds."""
 FROZEN_AFTER_S = 0.5
 """A picture that repeats itself for so long is a link that froze; before that the video only stutters."""
 MOST_SPOILT = 5
 """So many frames in a row that are spoilt in part: not they are, the ground has changed or leans."""
 MANY, FEW = 120, 8
 """Key frames that a new segment is compared with, and each of its further key frames."""
-SPOILT_PHOTO = (Fault.TORN, Fault.STALE, Fault.BLOCKS)
 GRID = np.stack(np.meshgrid((np.arange(9) + 0.5) / 9.0, (np.arange(9) + 0.5) / 9.0), axis=-1).reshape(-1, 2)
 
 
@@ -67,10 +66,12 @@ class _Seen:
     ref: FrameRef
     view: PlaneView
     grey: ImageArray
+    small: ImageArray
     T_px_small: Similarity2D
     look: FrameLook
     spectrum: Spectrum
     time_s: float
+    is_suspect: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,7 @@ class Tracker:
         self._segment = 0
         self._joined = True
         self._candidates: list[int] = []
-        self._recent: dict[int, Spectrum] = {}
+        self._recent: dict[int, ImageArray] = {}
         self._spoilt_in_a_row = 0
 
     @property
@@ -117,8 +118,11 @@ class Tracker:
             if self._segment == 0:
                 self._joined, self._candidates = True, []
 
-    def take(self, ref: FrameRef, grey: ImageArray, stream_time_s: float) -> Step:
-        """Return what becomes of the next frame; ``ref`` gets its number as a key frame here."""
+    def take(self, ref: FrameRef, grey: ImageArray, stream_time_s: float, *, is_suspect: bool = False) -> Step:
+        """Return what becomes of the next frame; ``ref`` gets its number as a key frame here.
+
+        ``is_suspect`` tells that the decoder lost data since the last key frame of its own.
+        """
         view = plane_view(ref)
         small, T_px_small = shrink(grey, self._size_px)
         look = look_at(small)
@@ -131,7 +135,7 @@ class Tracker:
             if self._rejected >= LONGEST_STREAK:
                 self._look, self._rejected = None, 0
             return self._waits(ref, view, FrameState.ERROR, verdict.reason)
-        seen = _Seen(ref, view, grey, T_px_small, look, make_spectrum(small), stream_time_s)
+        seen = _Seen(ref, view, grey, small, T_px_small, look, make_spectrum(small), stream_time_s, is_suspect)
         if self._key is None or self._last is None:
             self._accept_look(seen)
             return self._begin(seen)
@@ -143,7 +147,7 @@ class Tracker:
                 promoted = self._promote(self._last)
                 found = again
         if not found.accepted:
-            return self._lost(seen, verdict, gap)
+            return self._lost(seen, found, verdict, gap)
         self._accept_look(seen)
         return self._track(seen, found, promoted, verdict)
 
@@ -194,10 +198,7 @@ class Tracker:
 
     def _is_spoilt(self, a: _Seen, b: _Seen, found: Registration, verdict: FrameVerdict) -> bool:
         """Whether a frame that is to be pasted shows what it cannot have seen."""
-        told = judge_registered(b.look, a.look, found, doubt=verdict.doubt)
-        return (not told.ok or told.fault is not None) and (
-            is_video(b.ref) or (not told.ok and told.fault in SPOILT_PHOTO)
-        )
+        return _witness(a, b, found, verdict).is_spoilt()
 
     def _chained(self, key: _Seen, seen: _Seen, found: Registration) -> tuple[Similarity2D, Belief]:
         """Return ``T_keypx_px`` and the pose that a registration to a key frame gives a frame."""
@@ -239,6 +240,7 @@ class Tracker:
         return Step(
             seen.ref if new_key is None else new_key.ref, FrameState.TRACKED if new_key is None else FrameState.KEY,
             belief, seen.view, self._segment, None, promoted, new_key, joined, None, found.probability,
+            None if new_key is not None else _witness(key, seen, found, verdict),
         )  # fmt: skip
 
     def _promote(self, last: _Tracked) -> NewKey:
@@ -265,15 +267,20 @@ class Tracker:
         kept = replace(seen, ref=ref, spectrum=spectrum)
         self._key, self._spoilt_in_a_row = kept, 0
         self._before, self._last = before, _Tracked(kept, Similarity2D(), None)
-        self._recent[index] = spectrum
+        self._recent[index] = seen.small
         self._recent.pop(index - RECENT, None)
         if not self._joined:
             self._candidates = self._nearest(belief, seen, FEW) + self._candidates[-MANY:]
         return NewKey(ref, seen.grey, belief, segment, seen.time_s, tie)
 
-    def _lost(self, seen: _Seen, verdict: FrameVerdict, gap: bool) -> Step:
+    def _lost(self, seen: _Seen, found: Registration, verdict: FrameVerdict, gap: bool) -> Step:
         """Wait a little, then begin a new segment; a frame that looks faulty by itself begins none."""
-        if verdict.doubt > BELIEVED_DOUBT:
+        before = None if self._look is None else self._look[0]
+        if (
+            before is not None
+            and is_video(seen.ref)
+            and not judge_registered(seen.look, before, found, doubt=verdict.doubt, suspect=seen.is_suspect).ok
+        ):
             return self._waits(seen.ref, seen.view, FrameState.ERROR, "fits nowhere and looks damaged")
         if self._since_s is None:
             self._since_s = seen.time_s if not gap else seen.time_s - self._options.lost_after_s
@@ -356,12 +363,16 @@ class Tracker:
     def _seen_again(self, key: int) -> tuple[Spectrum, Similarity2D]:
         """Return the spectrum of an earlier key frame, and the way from its small picture to its pixels."""
         ref = self.chart.refs[key]
-        spectrum = self._recent.get(key)
-        if spectrum is None:
+        small = self._recent.get(key)
+        if small is None:
             small, T_px_small = shrink(self._load(key), self._size_px)
-            return make_spectrum(small, index=key), T_px_small
-        _, T_px_small = shrink(np.zeros((ref.height_px, ref.width_px), np.uint8), self._size_px)
-        return spectrum, T_px_small
+        else:
+            _, T_px_small = shrink(np.zeros((ref.height_px, ref.width_px), np.uint8), self._size_px)
+        return make_spectrum(small, index=key), T_px_small
+
+
+def _witness(a: _Seen, b: _Seen, found: Registration, verdict: FrameVerdict) -> Witness:
+    return Witness(b.look, a.look, found, verdict.doubt, is_video(b.ref), b.is_suspect)
 
 
 def wide_covariance(ref: FrameRef) -> FloatArray:

@@ -70,7 +70,8 @@ class CanvasRaster:
 
     def version_in(self, window: Window) -> int:
         """The newest version of any pixel in a window."""
-        return 0 if self._canvas is None else self._canvas.version_in(window)
+        seen = self._kind in (RasterKind.AGE, RasterKind.SEARCHED)
+        return 0 if self._canvas is None else self._canvas.version_in(window, seen=seen)
 
     def read(self, window: Window) -> npt.NDArray[Any]:
         """The pixels of a window."""
@@ -85,10 +86,11 @@ class CanvasRaster:
     def _values(self, planes: TilePlanes) -> npt.NDArray[np.float32]:
         if self._kind is RasterKind.SEARCHED:
             return np.where(planes.seen, planes.gsd, np.float32(np.nan)).astype(np.float32)
-        table = self._tables.time_s if self._kind is RasterKind.AGE else self._tables.sigma_m
-        keys = planes.newest if self._kind is RasterKind.AGE else planes.shown
+        if self._kind is RasterKind.AGE:
+            return np.where(planes.seen, planes.seen_s, np.float32(np.nan)).astype(np.float32)
+        table = self._tables.sigma_m
         values = np.append(table, np.float32(np.nan))  # nobody is -1: the last
-        return values[np.minimum(keys, len(table))]
+        return values[np.minimum(planes.shown, len(table))]
 
 
 class LiveView:

@@ -31,6 +31,8 @@ SIGMA_VIGNETTE = 0.1
 MAX_GAIN = 2.0
 NEAREST_PAIRS = 12
 MORE_PAIRS = 6
+MAX_RADIUS = 1.2
+"""Vignetting is not carried farther out than this, 1 being the corner."""
 
 _SAMPLES_X, _SAMPLES_Y = 16, 12
 _MIN_SAMPLES = 6
@@ -52,12 +54,8 @@ class Exposure:
         """Return ``(..., 3)`` factors for a frame's pixels at these distances from its centre."""
         return np.asarray(self._of_lens(view, radius_px)[..., None] * self.gains.get(view.frame, np.ones(3)))
 
-    def grey_factor(self, view: View, radius_px: FloatArray) -> FloatArray:
-        """Return ``(...)`` factors of a frame's grey levels: the mean of those of its channels."""
-        return np.asarray(self._of_lens(view, radius_px) * float(np.mean(self.gains.get(view.frame, 1.0))))
-
     def _of_lens(self, view: View, radius_px: FloatArray) -> FloatArray:
-        r2 = np.square(np.minimum(radius_px / view.half_diagonal_px, 1.2))
+        r2 = np.square(np.minimum(radius_px / view.half_diagonal_px, MAX_RADIUS))
         lens = np.exp((self.vignette[0] + self.vignette[1] * r2) * r2)
         return np.where(np.isnan(lens), 1.0, lens)  # where the frame does not see the ground
 

@@ -34,6 +34,7 @@ RECIPE = "1"
 """Changes whenever the same map would have other layers."""
 
 _FOLDER = "layers"
+_TILES_BETWEEN_TRIMS = 16
 _SLACK_NODES = 3.0
 _SIGMA_STEP = 2  # a placement's covariance is asked at every so many nodes: it hardly changes within a tile
 _BEYOND = 0.15  # how far outside a raster, in its sides, its placement may be asked
@@ -90,6 +91,8 @@ def render_layers(
             layers.write(tile, layers_of(window, store.grid, map_frame, by_tile[tile], store.read_source(tile), facts))
 
     for done, _ in enumerate(map_jobs(render, tiles, workers=workers or usable_cpus()), start=1):
+        if done % _TILES_BETWEEN_TRIMS == 0:
+            give_back_memory()
         if on_progress is not None:
             on_progress(done, len(tiles))
     give_back_memory()

@@ -29,7 +29,7 @@ _HEAD = struct.Struct(">IIfI")  # of a file: the frame's width and height, its b
 OUTLOOK_SHRINK = 8
 """An outlook's pixels are this many of the prepared frame's wide: about a node of the tiles' lattice."""
 
-_STEPS_PER_LEVEL = 256  # kept as 16 bits: eight would show as bands in skies, snow and water
+LEVEL = 256  # kept as 16 bits: eight would show as bands in skies, snow and water
 
 
 class LowBand(NamedTuple):
@@ -45,15 +45,9 @@ class LowBand(NamedTuple):
     blur_px: float = math.nan
     outlook: npt.NDArray[np.uint8] | None = None
 
-    def sample_outlook(self, x_px: FloatImage, y_px: FloatImage) -> FloatImage:
-        """Return ``(..., 2)`` grey and contrast at pixels of the **frame**; zeros where there is no outlook."""
-        if self.outlook is None:
-            return np.zeros((*x_px.shape, 2), dtype=np.float32)
-        return _sampled(self.outlook, x_px, y_px, self.width_px, self.height_px)
-
     def sample(self, x_px: FloatImage, y_px: FloatImage) -> FloatImage:
         """Return ``(..., 3)`` BGR grey levels at pixels of the **frame**; beyond its edge those of the edge."""
-        return _sampled(self.thumbnail, x_px, y_px, self.width_px, self.height_px) / np.float32(_STEPS_PER_LEVEL)
+        return _sampled(self.thumbnail, x_px, y_px, self.width_px, self.height_px) / np.float32(LEVEL)
 
 
 def _sampled(
@@ -87,9 +81,7 @@ def low_band_of(source: SourceImage, blur_px: float = math.nan) -> LowBand:
     small = cv2.GaussianBlur(small, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
     if small.ndim == 2:
         small = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
-    return LowBand(
-        np.rint(small * _STEPS_PER_LEVEL).astype(np.uint16), round(w / scale), round(h / scale), blur_px, outlook
-    )
+    return LowBand(np.rint(small * LEVEL).astype(np.uint16), round(w / scale), round(h / scale), blur_px, outlook)
 
 
 def _outlook_of(image: ImageArray) -> npt.NDArray[np.uint8]:

@@ -5,30 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from photomap_gis.core.grid import CrsFrame, MapGrid, Window, ground_pixel_m
-from photomap_gis.mosaic.blend import (
-    Seen,
-    consensus_weights,
-    labels_of,
-    shift_to_consensus,
-)
-from photomap_gis.mosaic.choice import TIER_COST, radius_and_border, sight
+from photomap_gis.mosaic.cells import UNSETTLED, label_cells, name_frames
 from photomap_gis.mosaic.exposure import Exposure
 from photomap_gis.mosaic.lattice import STEP_PX, Box, FloatImage, Lattice
+from photomap_gis.mosaic.light import Light, consensus_weights, exposed, levels_of, shift_to_consensus
 from photomap_gis.mosaic.lowband import LowBand
-from photomap_gis.mosaic.paint import Correction, paint
+from photomap_gis.mosaic.outlook import looks_of
+from photomap_gis.mosaic.paint import Shares, paint
 from photomap_gis.mosaic.pixels import SourceImage
-from photomap_gis.mosaic.seams import node_labels
+from photomap_gis.mosaic.seams import node_labels, without_slivers
+from photomap_gis.mosaic.sighting import ranked_costs, sights_of
 from photomap_gis.mosaic.tiles import NOBODY, RgbaArray, SourceArray
 from photomap_gis.mosaic.views import View
 
-_SLACK_NODES = 3.0
 _LIGHT_STEP_PX, _LIGHT_STEPS_A_SIDE = 32, 16
 Slices = tuple[slice, slice]
+Labels = npt.NDArray[np.int16]
 
 
 class FrameSource(Protocol):
@@ -83,10 +79,7 @@ def render_tile_and_sources(
 
     A window of several tiles, or of a part of one, shows what the tiles show.
     """
-    out = RenderedTile(
-        np.zeros((window.height, window.width, 4), dtype=np.uint8),
-        np.full((window.height, window.width), NOBODY, dtype=np.int32),
-    )
+    out = _blank(window.height, window.width)
     giving = {view.frame for view in givers}
     pixel_m = ground_pixel_m(grid, map_frame)
     light_step = _light_step(neighbours, pixel_m)
@@ -94,32 +87,33 @@ def render_tile_and_sources(
         return out
     for tile, here, there in _tiles_under(window, grid.tile_size):
         lattice = Lattice.over(tile, grid, map_frame)
-        candidates = _seen([v for v in neighbours if v.frame in giving], lattice, pixel_m)
-        if grid.tile_size % STEP_PX == 0:
-            labels = _labels(candidates, lattice, source, exposure, pixel_m)
-        else:  # nodes of neighbouring tiles lie apart: their seams would not meet
-            labels = labels_of(candidates, lattice)
+        candidates = [v for v in neighbours if v.frame in giving]
+        sights = sights_of(candidates, lattice, pixel_m)
+        # Nodes of tiles that are no whole number of steps wide lie apart: their seams would not meet.
+        seams = grid.tile_size % STEP_PX == 0
+        labels, cell_givers = _labels(candidates, sights, lattice, source, exposure, pixel_m, seams=seams)
         box = Box(there[1].start, there[0].start, there[1].stop - there[1].start, there[0].stop - there[0].start)
-        part = labels[there]
-        if (part >= 0).any():
-            coarse = Lattice.over(tile, grid, map_frame, step_px=light_step)
-            present = [k for k in range(len(candidates)) if cv2.countNonZero(cv2.compare(labels, k, cv2.CMP_EQ))]
-            light = _light(_seen(neighbours, coarse, pixel_m), candidates, present, coarse, source, exposure)
-            paint(out.rgba[here], candidates, labels, box, lattice, light, source.image)
-            if part.min() < 0:
-                out.rgba[here][part < 0] = 0
-            out.source[here] = _frames_of(part, candidates)
+        shares = Shares.of(labels, cell_givers, len(candidates), box)
+        if not shares.present:
+            continue
+        coarse = Lattice.over(tile, grid, map_frame, step_px=light_step)
+        frames = {k: candidates[k].frame for k in shares.present}
+        lights = _lights(neighbours, sights_of(neighbours, coarse, pixel_m), set(frames.values()), source, exposure)
+        whole = (box.height, box.width) == out.source.shape
+        part = out if whole else _blank(box.height, box.width)
+        paint(
+            part.rgba, shares, candidates, sights, {k: lights[f] for k, f in frames.items()}, light_step, source.image
+        )
+        name_frames(
+            labels, np.array([*(v.frame for v in candidates), NOBODY], dtype=np.int32), box.x, box.y, part.source
+        )
+        if part is not out:
+            out.rgba[here], out.source[here] = part
     return out
 
 
-def _frames_of(labels: npt.NDArray[np.int16], candidates: Sequence[Seen]) -> SourceArray:
-    """Return the frame of each label, ``NOBODY`` where that is -1."""
-    frames = np.array([*(one.view.frame for one in candidates), NOBODY], dtype=np.int32)  # -1 is the last
-    if len(candidates) > 255:
-        return np.asarray(np.take(frames, labels))
-    table = np.full(256, NOBODY, dtype=np.int32)
-    table[: len(candidates)] = frames[:-1]
-    return np.asarray(cv2.LUT(labels.astype(np.uint8), table))  # three times as fast
+def _blank(height: int, width: int) -> RenderedTile:
+    return RenderedTile(np.zeros((height, width, 4), dtype=np.uint8), np.full((height, width), NOBODY, dtype=np.int32))
 
 
 def _tiles_under(window: Window, tile_size: int) -> Iterator[tuple[Window, Slices, Slices]]:
@@ -140,68 +134,57 @@ def _light_step(views: Sequence[View], pixel_m: float) -> int:
     return _LIGHT_STEP_PX if min(sides, default=0.0) >= _LIGHT_STEPS_A_SIDE * _LIGHT_STEP_PX else STEP_PX
 
 
-def _seen(views: Sequence[View], lattice: Lattice, pixel_m: float) -> list[Seen]:
-    slack_m = _SLACK_NODES * lattice.step_px * pixel_m
-    return [Seen(v, sight(v, lattice.nodes_xy_map_m, lattice.shape, slack_m=slack_m)) for v in views]
-
-
 def _labels(
-    candidates: Sequence[Seen], lattice: Lattice, source: FrameSource, exposure: Exposure, pixel_m: float
-) -> npt.NDArray[np.int16]:
-    """Return ``(height, width)`` which candidate gives each pixel of the domain, along seams that spare objects."""
-    if len(candidates) < 2:
-        return labels_of(candidates, lattice)
-    costs = np.stack([one.at_nodes.cost + TIER_COST * one.view.tier for one in candidates]).astype(np.float32)
-    costs[np.isnan(costs)] = np.inf
-    greys, roughness = [], []
-    for one in candidates:
-        x, y = (v.astype(np.float32) for v in (one.at_nodes.x_px, one.at_nodes.y_px))
-        radius, _ = radius_and_border(one.view, one.at_nodes.x_px, one.at_nodes.y_px)
-        factor = exposure.grey_factor(one.view, radius).astype(np.float32)
-        outlook = source.low_band(one.view).sample_outlook(x, y)
-        greys.append(outlook[..., 0] * factor)
-        roughness.append(outlook[..., 1] * factor)
-    # Node 1 lies in the margin, node 2 in the tile's first pixels; the next tile's first pixels hold the last but one.
-    nodes = node_labels(
-        costs, greys, roughness, edges=(2, lattice.shape[0] - 2),
-        half_diagonals_nodes=[v.half_diagonal_px * v.gsd_m_per_px / (STEP_PX * pixel_m) for v, _ in candidates],
-    )  # fmt: skip
-    return labels_of(candidates, lattice, nodes)
-
-
-def _light(
-    seen: Sequence[Seen],
-    candidates: Sequence[Seen],
-    present: Sequence[int],
-    coarse: Lattice,
+    candidates: Sequence[View],
+    sights: FloatImage,
+    lattice: Lattice,
     source: FrameSource,
     exposure: Exposure,
-) -> dict[int, Correction]:
-    """Return for every candidate that gives pixels what moves its low frequencies to the consensus of all.
+    pixel_m: float,
+    *,
+    seams: bool,
+) -> tuple[Labels, Labels]:
+    """Return which candidate gives each pixel of the domain, ``(height, width)``, and each cell (``label_cells``).
 
-    ``seen`` are all that see the place, at the nodes of ``coarse``.
+    With ``seams`` they meet along lines that spare objects, else where they cost the same.
     """
-    weights = consensus_weights(seen)
-    by_frame = {one.view.frame: one for one in seen}
-    givers = {k: by_frame[candidates[k].view.frame] for k in present}
-    sharing = [k for k in range(len(seen)) if weights[k].any()]
-    asked = {one.view.frame: one for one in [*givers.values(), *(seen[k] for k in sharing)]}
-    factors = {frame: _factor(one, exposure) for frame, one in asked.items()}
-    if len(sharing) < 2:
-        return {k: Correction(coarse, factors[one.view.frame], None) for k, one in givers.items()}
-    lows = {frame: _low(one, source) * factors[frame] for frame, one in asked.items()}
-    shares = [(weights[k][..., None], lows[seen[k].view.frame]) for k in sharing]
+    costs = ranked_costs(candidates, sights)
+    if seams:
+        # Node 1 lies in the margin, node 2 in the tile's first pixels; the next tile's first pixels hold the last but
+        # one.
+        edges = (2, lattice.shape[0] - 2)
+        at_nodes = node_labels(
+            costs, looks_of(candidates, sights, source.low_band, exposure), edges=edges,
+            half_diagonals_nodes=[v.half_diagonal_px * v.gsd_m_per_px / (STEP_PX * pixel_m) for v in candidates],
+        )  # fmt: skip
+        at_nodes = without_slivers(at_nodes, costs, edges)
+    else:
+        at_nodes = np.full(lattice.shape, UNSETTLED, dtype=np.int16)
+    rows, columns = lattice.shape
+    labels = np.empty((lattice.height, lattice.width), dtype=np.int16)
+    givers = np.empty((rows - 1, columns - 1), dtype=np.int16)
+    sizes_px = np.array([(v.placement.width_px, v.placement.height_px) for v in candidates], dtype=np.float32)
+    label_cells(at_nodes, sights, costs, sizes_px, labels, givers)
+    return labels, givers
+
+
+def _lights(
+    views: Sequence[View], sights: FloatImage, givers: set[int], source: FrameSource, exposure: Exposure
+) -> dict[int, Light]:
+    """Return for every frame that gives pixels what moves its low frequencies to the consensus of all.
+
+    ``views`` are all that see the place, ``sights`` how they see the nodes of a coarse lattice.
+    """
+    weights = consensus_weights(views, sights)
+    sharing = [bool(weight.any()) for weight in weights]
+    asked = [k for k, view in enumerate(views) if sharing[k] or view.frame in givers]
+    factors = {k: exposed(views[k], sights[k], exposure) for k in asked}
+    if sum(sharing) < 2:
+        return {views[k].frame: Light(factors[k], np.zeros_like(factors[k])) for k in asked}
+    levels = np.stack([levels_of(source.low_band(views[k]), sights[k], factors[k]) for k in asked])
+    shares = weights[asked]
     return {
-        k: Correction(coarse, factors[one.view.frame], shift_to_consensus(lows[one.view.frame], shares))
-        for k, one in givers.items()
+        views[k].frame: Light(factors[k], shift_to_consensus(levels, shares, n))
+        for n, k in enumerate(asked)
+        if views[k].frame in givers
     }
-
-
-def _factor(one: Seen, exposure: Exposure) -> FloatImage:
-    radius, _ = radius_and_border(one.view, one.at_nodes.x_px, one.at_nodes.y_px)
-    return exposure.factor(one.view, radius).astype(np.float32)
-
-
-def _low(one: Seen, source: FrameSource) -> FloatImage:
-    at = one.at_nodes
-    return source.low_band(one.view).sample(at.x_px.astype(np.float32), at.y_px.astype(np.float32))

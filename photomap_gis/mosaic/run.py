@@ -41,7 +41,7 @@ ReadPixels = Callable[[int], ImageArray]
 Progress = Callable[[int, int], None]
 Value = TypeVar("Value")
 
-RECIPE = "3"
+RECIPE = "4"
 """Changes whenever the same placements would give other pixels: tiles of an older recipe are rendered anew."""
 
 _TILE_WORK_BYTES = 80 << 20  # arrays of a tile, and what the allocator keeps of them for each thread

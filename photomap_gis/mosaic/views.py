@@ -82,13 +82,17 @@ class View:
         """``(2,)`` least and ``(2,)`` greatest x, y of the footprint."""
         return self.hull_xy_map_m.min(axis=0), self.hull_xy_map_m.max(axis=0)
 
-    def locate(self, xy_map_m: FloatArray, *, slack_m: float) -> FloatArray:
+    def locate(
+        self, xy_map_m: FloatArray, *, slack_m: float, bounds_map_m: tuple[FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
         """``(N, 2)`` pixels of ``(N, 2)`` map points; NaN farther than ``slack_m`` outside the footprint.
+
+        ``bounds_map_m`` are the least and the greatest x, y of the points, where they are known.
 
         The footprint is asked first because a distorted camera folds far-away ground back into its picture: there
         the polynomial of the lens no longer means anything.
         """
-        (left, top), (right, bottom) = xy_map_m.min(axis=0), xy_map_m.max(axis=0)
+        (left, top), (right, bottom) = bounds_map_m or (xy_map_m.min(axis=0), xy_map_m.max(axis=0))
         box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
         # What is near is convex: where the points' box is, they all are.
         if distance_inside_sides(*self._sides, box).min() >= -slack_m:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from photomap_gis.pipeline.measure import Measurements
 from photomap_gis.pipeline.solve import whole_lags
 from photomap_gis.pipeline.solved import Solved
 from photomap_gis.slam.bundle import Bundle, BundleProblem, Lens, Marks, TieSet, View, bundle_adjust
-from photomap_gis.slam.bundle.fixes import fix_information
+from photomap_gis.slam.bundle.fixes import FixNoise, fix_noise
 from photomap_gis.slam.lag import lags_by_flight, without_lag
 from photomap_gis.slam.optimize import BIAS_LIMIT
 from photomap_gis.slam.place import GPS_METHOD
@@ -31,8 +31,8 @@ from photomap_gis.store import LensRecord, PreparedFrame, RegistrationRecord
 logger = logging.getLogger(__name__)
 
 FEWEST_FRAMES = 3
-MOST_FRAMES = 1200
-"""The system is dense: beyond this it would no longer fit an ordinary laptop."""
+MOST_FRAMES = 5000
+"""The slices of the equations grow with the map's shorter side: beyond this they might no longer fit a laptop."""
 TIES, TIES_A_FRAME, MOST_TIES = 30_000, 150, 150_000
 """Ties that are enough, those a frame where there are many frames, and those that are never exceeded."""
 UNKNOWN_TILT_RAD = 0.07
@@ -40,6 +40,7 @@ UNKNOWN_TILT_RAD = 0.07
 MIN_TIE_SIGMA_WORK_PX = 0.03
 SPOT_STEP = 1 << 20
 BLUNDERS_INFORMATION = 1e-3
+LEAST_PLACE_SIGMA_M = 1e-4
 K1_SIGMA = 0.03
 KNOWN_K1_SIGMA = 0.01
 
@@ -62,11 +63,12 @@ def solve_in_space(
     *,
     antenna_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     terrain: HeightField | None = None,
+    adjust: Callable[[BundleProblem], Bundle] = bundle_adjust,
 ) -> Solved:
     """Return the solution with its registered frames posed in space; as it was where that cannot be told.
 
     ``views`` are those that the frames were registered through, ``antenna_offset_m`` as in ``georef.observe``;
-    ``terrain`` is the ground's shape where it is known.
+    ``terrain`` is the ground's shape where it is known; ``adjust`` solves the problem that is put up.
     """
     starts = _starts({f.index: f for f in frames}, solved)
     records = [r for r in measurements.accepted if r.ties is not None and r.a in starts and r.b in starts]
@@ -84,12 +86,12 @@ def solve_in_space(
         fixes = _as_biased_as_shown(fixes, starts)
     problem = replace(_problem([starts[f] for f in order], node, ties, fixes, points), terrain=terrain)
     try:
-        bundle = bundle_adjust(problem)
+        bundle = adjust(problem)
         if solved.solution is not None and solved.solution.fix_lags_s:
             # a camera that looks ahead looks like a late fix on the plane; in space they are told apart
             solved, fixes = _in_time(solved, solved.solution, bundle, node, fixes)
             problem = replace(_problem([starts[f] for f in order], node, ties, fixes, points), terrain=terrain)
-            bundle = bundle_adjust(problem)
+            bundle = adjust(problem)
     except np.linalg.LinAlgError as error:
         logger.warning("cameras could not be posed in space (%s): the flat solution stands", error)
         return solved
@@ -167,7 +169,7 @@ def _problem(
     used = [o for o in fixes if o.frame in node]
     fix_of = np.array([node[o.frame] for o in used], np.intp)
     centres = np.array([v.centre[:2] for v in views])
-    information = fix_information(used, centres[fix_of]) if used else np.zeros((0, 0))
+    noise = fix_noise(used, centres[fix_of]) if used else FixNoise.none()
     pieces = {s.placement.segment for s in starts}
     fixed = {starts[k].placement.segment for k in fix_of.tolist()}
     seen: dict[int, set[tuple[float, ...]]] = {}
@@ -181,7 +183,7 @@ def _problem(
         ties,
         fix_of,
         np.array([o.xy_map_m for o in used]).reshape(-1, 2),
-        information,
+        noise,
         np.array(held, np.intp),
         _marks(points, node, views, lenses, number),
     )
@@ -227,15 +229,21 @@ def _marks(
         return Marks.none()
     focal = {number[k]: lens.focal_px for k, lens in lenses.items()}
     view = np.array([node[p.frame] for p in points], np.intp)
-    covariance = np.zeros((2 * len(points), 2 * len(points)))
+    seen = Counter((p.kind, p.name) for p in points if p.name)
+    shared = {key: g for g, key in enumerate(key for key, count in seen.items() if count > 1)}
+    place = np.zeros((len(shared), 2, 2))
+    group = np.full(len(points), -1, np.intp)
+    covariance = np.zeros((len(points), 2, 2))
     for i, p in enumerate(points):
-        for j, q in enumerate(points):
-            if i == j or (p.name and (p.kind, p.name) == (q.kind, q.name)):
-                covariance[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = (p.covariance_m2 + q.covariance_m2) / 2.0
         pixel = -float(views[view[i]].centre[2]) / focal[views[view[i]].lens]
         click_px2 = max(p.sigma_px**2 - p.bend_px**2, MIN_TIE_SIGMA_WORK_PX**2)
-        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += click_px2 * pixel**2 * np.eye(2)
-    return Marks(view, np.array([p.xy_px for p in points]), np.array([p.xy_map_m for p in points]), covariance)
+        covariance[i] = click_px2 * pixel**2 * np.eye(2)
+        if (g := shared.get((p.kind, p.name), -1)) < 0:
+            covariance[i] += p.covariance_m2
+        else:
+            group[i], place[g] = g, p.covariance_m2 + LEAST_PLACE_SIGMA_M**2 * np.eye(2)
+    return Marks(view, np.array([p.xy_px for p in points]), np.array([p.xy_map_m for p in points]), covariance, group,
+                 place)  # fmt: skip
 
 
 def _tie_set(
@@ -277,7 +285,7 @@ def _posed(solved: Solved, bundle: Bundle, problem: BundleProblem, node: Mapping
         x, y, z = bundle.centre[k]
         camera = bundle.lenses[problem.views[k].lens].camera
         where = PosedPlacement(camera, np.array([x, y, -z]), bundle.R_map_camera[k], bundle.ground)
-        placements.append(replace(p, camera_to_map=where, pose_covariance=bundle.covariance[k]))
+        placements.append(replace(p, camera_to_map=where, pose_covariance=bundle.over_ground[k]))
     trajectory = Trajectory(tuple(placements), solved.trajectory.revision)
     predicted = predicted_ce90_m(trajectory) if solved.georeferenced else None
     lenses = tuple(
@@ -300,7 +308,7 @@ def _fit_to_gps(bundle: Bundle, problem: BundleProblem) -> float | None:
     """Horizontal RMS of the cameras against their fixes, blunders left out: a residual, never an accuracy."""
     if not len(problem.fix_of):
         return None
-    information = np.diag(problem.fix_information)
+    information = np.diag(problem.fix_noise.information)
     used = information > BLUNDERS_INFORMATION * float(np.median(information))
     off = bundle.centre[problem.fix_of, :2] - problem.fix_xy
     return float(np.sqrt(np.mean(np.sum(off[used] ** 2, axis=1))))

@@ -90,7 +90,7 @@ def judge_neighbours(
     while pairs := _open_pairs(frames, prepared, chain):
         total = done + len(pairs)
         chain.begin_round()
-        jobs = [(pair, pair[1] in videos) for pair in pairs]
+        jobs = [(pair, pair[1] in videos, prepared[pair[1]].is_suspect) for pair in pairs]
         results = map_jobs(partial(_met, images), jobs, workers=workers, scheduler=scheduler)
         for pair, found, following in _with_next(pairs, results):
             chain.take(pair, found, following)
@@ -120,13 +120,13 @@ def _with_next(
         yield (*waiting, None)
 
 
-def _met(images: WorkingImages, job: tuple[tuple[int, int], bool]) -> Met | None:
+def _met(images: WorkingImages, job: tuple[tuple[int, int], bool, bool]) -> Met | None:
     """``_meet`` as a job that can be sent to another machine."""
-    pair, video = job
-    return _meet(pair, images, video=video)
+    pair, video, suspect = job
+    return _meet(pair, images, video=video, suspect=suspect)
 
 
-def _meet(pair: tuple[int, int], images: WorkingImages, *, video: bool) -> Met | None:
+def _meet(pair: tuple[int, int], images: WorkingImages, *, video: bool, suspect: bool) -> Met | None:
     """Register a pair and judge its second frame; ``None`` where a working image cannot be read."""
     a, b = pair
     try:
@@ -145,7 +145,7 @@ def _meet(pair: tuple[int, int], images: WorkingImages, *, video: bool) -> Met |
     if not found.accepted and (video or doubt > TRY_PARTS_DOUBT):
         part = register_part(before, grey_b)
         shown = part or found
-    verdict = judge_registered(look_b, look_a, shown, doubt=doubt)
+    verdict = judge_registered(look_b, look_a, shown, doubt=doubt, suspect=suspect)
     if not video and not (verdict.ok and verdict.fault in SPOILT_PHOTO):
         verdict = GOOD  # photos come from a card, not over a link: of a link's faults only the unmistakable is believed
     if verdict.ok and verdict.fault is not None and verdict.mask is not None:

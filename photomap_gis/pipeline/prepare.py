@@ -42,6 +42,7 @@ class _Small:
     grey: ImageArray | None
     T_plane_work: Similarity2D
     reason: str | None
+    is_suspect: bool = False
 
 
 class SpectrumShelf:
@@ -101,7 +102,7 @@ def prepare_frames(
         keep_working(mission, ref.index, work.grey, work.mask)
         # Judged is the raster as it came: levelling gives a sound frame straight, empty borders.
         raster = work.grey if work.mask is None else shrink_grey(to_grey(frame.image), settings.work_size_px)[0]
-        return _Small(ref, raster, work.T_plane_work, None)
+        return _Small(ref, raster, work.T_plane_work, None, frame.is_suspect)
 
     previous = _last_good(mission, frames, prepared, settings.work_size_px)
     done = len(frames) - len(missing)
@@ -116,7 +117,7 @@ def prepare_frames(
                 verdict = (
                     GOOD  # a photo may differ much from the one before: whether it can be used, registration tells
                 )
-            record = PreparedFrame(small.ref.index, verdict.ok, verdict.reason, small.T_plane_work)
+            record = PreparedFrame(small.ref.index, verdict.ok, verdict.reason, small.T_plane_work, small.is_suspect)
             if verdict.ok:
                 previous = (flight, look)
         mission.prepared.append(record)

@@ -176,18 +176,22 @@ class _Api:
 
     def wmts(self, request: Request) -> Response:
         mission = self._mission(request)
+        root, key = self._url(request, f"missions/{mission.id}/"), self._key()
+        self_url = f"{root}wmts.xml{key}"
+
+        def tile_url(layer: Any) -> str:
+            return f"{root}layers/{layer.id}/{{TileMatrix}}/{{TileCol}}/{{TileRow}}.png{key}"
+
         if isinstance(mission, LiveMission):
-            raise HTTPException(404, "a flight under way has no WMTS: take its XYZ tiles, see tiles.json")
-        snapshot = mission.current()
-        if not snapshot.view.georeferenced:
-            raise HTTPException(404, "this map has no place on Earth: only the page can show it")
-        root = self._url(request, f"missions/{mission.id}/")
-        key = self._key()
-        text = capabilities(
-            snapshot,
-            f"{root}wmts.xml{key}",
-            lambda layer: f"{root}layers/{layer.id}/{{TileMatrix}}/{{TileCol}}/{{TileRow}}.png{key}",
-        )
+            if mission.session.state.map_frame.crs_wkt is None:
+                raise HTTPException(404, "the map has not found its place on Earth yet: only the page can show it")
+            mission.look_at_ranges()
+            text = capabilities(mission.session.state.name, mission.layers, self_url, tile_url, grows=True)
+        else:
+            snapshot = mission.current()
+            if not snapshot.view.georeferenced:
+                raise HTTPException(404, "this map has no place on Earth: only the page can show it")
+            text = capabilities(snapshot.view.name, snapshot.layers, self_url, tile_url)
         return Response(text, media_type="application/xml")
 
     def value(self, request: Request) -> Response:

@@ -112,7 +112,7 @@ class LiveMission:
             "accuracy": f"{root}/live/accuracy",
         }
         if georeferenced:
-            links["tilejson"] = f"{root}/layers/map/tiles.json"
+            links |= {"tilejson": f"{root}/layers/map/tiles.json", "wmts": f"{root}/wmts.xml"}
         note = "" if georeferenced else NOT_GEOREFERENCED
         frames = 0 if state.pose is None else state.pose.frame + 1
         return MissionDocument(

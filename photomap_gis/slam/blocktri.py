@@ -8,12 +8,13 @@ cost thousands of solves). Unknowns that touch everything (a flight's GPS bias) 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import blas, cho_solve, lapack, solve_triangular
 from scipy.sparse import csgraph
 
 from photomap_gis.core.similarity import FloatArray
@@ -41,8 +42,8 @@ class BlockFactor:
     border_chol: FloatArray
 
     def solve(self, rhs: FloatArray) -> FloatArray:
-        """Return ``H^-1 rhs`` for an ``(n,)`` right-hand side."""
-        b = (rhs * self.scale)[:, None]
+        """Return ``H^-1 rhs`` for right-hand sides ``(n,)`` or ``(n, m)``."""
+        b = rhs.reshape(len(rhs), -1) * self.scale[:, None]
         x = np.zeros_like(b)
         inner = np.ones(len(b), bool)
         inner[self.border] = False
@@ -50,7 +51,7 @@ class BlockFactor:
             y = b[self.border] - self.border_solution.T @ b[inner]
             x[self.border] = cho_solve((self.border_chol, True), y)
         x[inner] = self._solve_chain(b)[inner] - self.border_solution @ x[self.border]
-        return x[:, 0] * self.scale
+        return (x * self.scale[:, None]).reshape(rhs.shape)
 
     def _solve_chain(self, b: FloatArray) -> FloatArray:
         """Solve with the chain alone for ``(n, m)`` scaled right-hand sides; border rows are left 0."""
@@ -68,11 +69,16 @@ class BlockFactor:
         out = np.empty((len(first), size, size))
         rows = first[:, None] + np.arange(size)
         z: FloatArray = np.zeros((0, 0))
-        for k in range(len(self.blocks) - 1, -1, -1):
+        asked = where[first]
+        last = int(asked[asked >= 0].min()) if (asked >= 0).any() else len(self.blocks)
+        for k in range(len(self.blocks) - 1, last - 1, -1):
             lower = self.chol[k]
-            inverse_lower = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
-            g = inverse_lower.T @ self.carry[k] if self.carry[k].size else np.zeros((len(lower), 0))
-            z = inverse_lower.T @ inverse_lower + (g @ z @ g.T if g.size else 0.0)
+            own = lapack.dpotri(lower, lower=1)[0]
+            own += np.tril(own, -1).T
+            if self.carry[k].size:
+                g = blas.dtrsm(1.0, lower, self.carry[k], lower=1, trans_a=1)
+                own += (g @ z) @ g.T
+            z = own
             here = np.flatnonzero(where[first] == k)
             index = place[rows[here]]
             out[here] = z[index[:, :, None], index[:, None, :]]
@@ -89,8 +95,11 @@ class BlockFactor:
         return out * s[:, :, None] * s[:, None, :]
 
 
-def factor(H: sparse.csc_array, border: IntArray) -> BlockFactor:
+def factor(H: sparse.csc_array, border: IntArray, *, group: IntArray | None = None) -> BlockFactor:
     """Factor a symmetric positive definite ``H``; ``border`` are the (sorted) unknowns that touch everything.
+
+    Unknowns of a ``group`` (``(n,)`` its number for each, those of the border too) stay in one block, coupled or not:
+    a pose that hangs on nothing but its own fix and compass has a place and a heading that know nothing of each other.
 
     Raises ``numpy.linalg.LinAlgError`` where H is not positive definite: something is tied to nothing.
     """
@@ -98,31 +107,49 @@ def factor(H: sparse.csc_array, border: IntArray) -> BlockFactor:
     if not np.all(diagonal > 0):
         raise np.linalg.LinAlgError("an unknown is tied to nothing")
     scale = 1.0 / np.sqrt(diagonal)
-    blocks = _chain_of_blocks(H, border)
+    blocks = _chain_of_blocks(H, border, np.arange(H.shape[0]) if group is None else group)
     order = np.concatenate([*blocks, border]).astype(np.intp)
     ordered = sparse.csr_array(H)[order][:, order]
     s = scale[order]
     starts = np.cumsum([0, *(len(b) for b in blocks)])
+
+    def strips() -> Iterator[FloatArray]:
+        for k in range(len(blocks)):
+            a, b = starts[k], starts[k + 1]
+            c = starts[k + 2] if k + 2 < len(starts) else b
+            yield ordered[a:b, a:c].toarray() * s[a:b, None] * s[None, a:c]
+
+    columns = np.asarray(H[:, border].toarray()) * scale[:, None] * scale[border]
+    return factor_strips(blocks, border, scale, strips(), columns)
+
+
+def factor_strips(
+    blocks: tuple[IntArray, ...], border: IntArray, scale: FloatArray, strips: Iterable[FloatArray], columns: FloatArray
+) -> BlockFactor:
+    """Factor a matrix that is told part by part and scaled already.
+
+    ``strips`` are the rows of each block, of its own columns and of the next block's; ``columns`` ``(n, m)`` those of
+    the border. Raises ``numpy.linalg.LinAlgError`` where the matrix is not positive definite.
+    """
     chol: list[FloatArray] = []
     carry: list[FloatArray] = []
-    for k in range(len(blocks)):
-        a, b = starts[k], starts[k + 1]
-        c = starts[k + 2] if k + 2 < len(starts) else b
-        strip = ordered[a:b, a:c].toarray() * s[a:b, None] * s[None, a:c]
-        block = strip[:, : b - a]
-        if k:
-            block = block - carry[-1].T @ carry[-1]
-        lower = np.tril(cho_factor(block, lower=True, check_finite=False)[0])
+    for strip in strips:
+        own = len(strip)
+        block = np.asfortranarray(strip[:, :own])
+        if carry:
+            block = blas.dsyrk(-1.0, carry[-1], beta=1.0, c=block, trans=1, lower=1, overwrite_c=1)
+        lower, failed = lapack.dpotrf(block, lower=1, clean=1, overwrite_a=1)
+        if failed:
+            raise np.linalg.LinAlgError("the matrix is not positive definite")
         chol.append(lower)
-        carry.append(solve_triangular(lower, strip[:, b - a :], lower=True, check_finite=False))
+        carry.append(blas.dtrsm(1.0, lower, np.asfortranarray(strip[:, own:]), lower=1, overwrite_b=1))
     n, m = len(scale), len(border)
-    inner = np.setdiff1d(np.arange(n), border)
     if not m:
         return BlockFactor(blocks, border, scale, tuple(chol), tuple(carry), np.zeros((n, 0)), np.zeros((0, 0)))
-    columns = np.asarray(H[:, border].toarray()) * scale[:, None] * scale[border]
+    inner = np.setdiff1d(np.arange(n), border)
     solution = _solve_chain(blocks, chol, carry, columns)[inner]
     complement = columns[border] - columns[inner].T @ solution
-    border_chol = np.linalg.cholesky((complement + complement.T) / 2.0)
+    border_chol = np.asarray(np.linalg.cholesky((complement + complement.T) / 2.0), np.float64)
     return BlockFactor(blocks, border, scale, tuple(chol), tuple(carry), solution, border_chol)
 
 
@@ -144,13 +171,17 @@ def _solve_chain(
     return x
 
 
-def _chain_of_blocks(H: sparse.csc_array, border: IntArray) -> tuple[IntArray, ...]:
-    """Cut all unknowns but the border into blocks that touch only their neighbours in the sequence."""
+def _chain_of_blocks(H: sparse.csc_array, border: IntArray, group: IntArray) -> tuple[IntArray, ...]:
+    """Cut all groups of unknowns but the border into blocks that touch only their neighbours in the sequence."""
     n = H.shape[0]
     inner = np.ones(n, bool)
     inner[border] = False
     index = np.flatnonzero(inner)
-    pattern = sparse.csr_array(H)[index][:, index]
+    numbers, group = np.unique(group[index], return_inverse=True)
+    entries = sparse.coo_array(sparse.csr_array(H)[index][:, index])
+    touching = (group[entries.row], group[entries.col])
+    pattern = sparse.csr_array((np.ones(len(group[entries.row])), touching), shape=(len(numbers), len(numbers)))
+    size = np.bincount(group)
     count, label = csgraph.connected_components(pattern, directed=False)
     levels: list[IntArray] = []
     for component in range(count):
@@ -164,10 +195,15 @@ def _chain_of_blocks(H: sparse.csc_array, border: IntArray) -> tuple[IntArray, .
         levels.extend(np.split(members[order], cuts))
     blocks: list[list[IntArray]] = [[]]
     for members in levels:
-        if blocks[-1] and sum(map(len, blocks[-1])) >= BLOCK_SIZE:
+        if blocks[-1] and sum(int(size[m].sum()) for m in blocks[-1]) >= BLOCK_SIZE:
             blocks.append([])
         blocks[-1].append(members)
-    return tuple(index[np.sort(np.concatenate(b))] for b in blocks if b)
+    block_of = np.empty(len(numbers), np.intp)
+    for k, block in enumerate(blocks):
+        block_of[np.concatenate([*block, np.zeros(0, np.intp)])] = k
+    order = np.argsort(block_of[group], kind="stable")
+    cuts = np.flatnonzero(np.diff(block_of[group][order])) + 1
+    return tuple(index[part] for part in np.split(order, cuts) if len(part))
 
 
 def _levels(pattern: sparse.csr_array, start: int) -> IntArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -226,11 +227,19 @@ def _sloped_edge(
 def _shared_points(reg: Registration) -> FloatArray:
     """``(N, 2)`` pixels of b, evenly over what a shows of it; image a is taken as large as b."""
     w, h = reg.size_b_px
-    x, y = np.meshgrid(np.linspace(0, w - 1, OVERLAP_SAMPLES), np.linspace(0, h - 1, OVERLAP_SAMPLES))
-    b = np.stack([x.ravel(), y.ravel()], axis=1)
+    b = _even_points(w, h)
     a = reg.T_a_b.apply(b)
     inside = b[((a >= 0) & (a <= (w - 1, h - 1))).all(axis=1)]
     return b if len(inside) < 4 else inside
+
+
+@lru_cache(maxsize=16)
+def _even_points(width_px: int, height_px: int) -> FloatArray:
+    """``(N, 2)`` pixels, evenly over a picture."""
+    x, y = np.meshgrid(*(np.linspace(0, side - 1, OVERLAP_SAMPLES) for side in (width_px, height_px)))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    points.setflags(write=False)
+    return points
 
 
 def _overlap_of(reg: Registration) -> tuple[FloatArray, float]:

@@ -42,7 +42,10 @@ def minimise(problem: Problem, weights: Weights, start: State, *, max_iterations
 
 def factor_of(problem: Problem, H: sparse.csc_array) -> BlockFactor:
     """Factor the normal matrix of a problem; the flights' biases are the border."""
-    return factor(H, np.arange(problem.size - 2 * len(problem.bias_sigma_m), problem.size, dtype=np.intp))
+    poses = 4 * problem.n_nodes
+    group = np.concatenate([np.arange(poses) // 4, np.arange(poses, problem.size)]).astype(np.intp)
+    border = np.arange(problem.size - 2 * len(problem.bias_sigma_m), problem.size, dtype=np.intp)
+    return factor(H, border, group=group)
 
 
 def pose_covariances(problem: Problem, state: State, weights: Weights) -> FloatArray:

@@ -71,7 +71,9 @@ def test_compressions(scene, tmp_path, compression):
     )
 
 
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (3, 700), (513, 1), (512, 512), (1025, 513)])
+@pytest.mark.parametrize(
+    ("width", "height"), [(1, 1), (3, 700), (513, 1), (512, 512), (1025, 513), (1024, 1536), (512, 1100)]
+)
 def test_odd_sizes(scene, rng, tmp_path, width, height):
     rgba = rng.integers(0, 256, (height, width, 4), dtype=np.uint8)
     rgba[..., 3] = 255

@@ -16,6 +16,7 @@ from photomap_gis.georef import choose_map_frame
 from photomap_gis.live.canvas import NOBODY, LiveCanvas, sheet_of
 from photomap_gis.live.flush import CanvasFolder
 from photomap_gis.live.lattice import TILE_PX, LiveLattice, choose_lattice
+from photomap_gis.live.light import Light
 from photomap_gis.live.painter import Painter, Redrawn
 from photomap_gis.mosaic import TileStore
 
@@ -72,7 +73,7 @@ def test_what_was_shed_comes_back(tmp_path: Path, picture: np.ndarray) -> None:
         wide.paste(k, sheet)
         tight.paste(k, sheet)
     window = Window(-300, -300, 1600, 1100)
-    for what in (lambda t: t.rgba(), lambda t: t.shown, lambda t: t.newest):
+    for what in (lambda t: t.rgba(), lambda t: t.shown, lambda t: t.seen_s):
         np.testing.assert_array_equal(wide.read(window, what, 0), tight.read(window, what, 0))
 
 
@@ -92,7 +93,8 @@ def test_drawn_anew_by_the_same_placements_is_the_same(tmp_path: Path, rng: np.r
 
 def test_a_solution_moves_the_pixels(tmp_path: Path, rng: np.random.Generator) -> None:
     images = {k: rng.integers(0, 255, (H, W, 3), np.uint8) for k in range(2)}
-    painter = Painter(LiveCanvas(lattice(), tmp_path), lambda k: images[k])
+    light = Light()  # a frame keeps the gain of its first pasting
+    painter = Painter(LiveCanvas(lattice(), tmp_path), lambda k: images[k], light=light)
     for k in images:
         painter.paste(k, placement_at(100.0 * k, 0.0, frame=k), images[k], float(k))
     moved = painter.adopt(lambda k: placement_at(100.0 * k + 40.0, 7.0, frame=k), images)
@@ -100,7 +102,7 @@ def test_a_solution_moves_the_pixels(tmp_path: Path, rng: np.random.Generator) -
     while painter.step():
         pass
     assert painter.is_idle
-    fresh = Painter(LiveCanvas(lattice(), tmp_path / "fresh"), lambda k: images[k])
+    fresh = Painter(LiveCanvas(lattice(), tmp_path / "fresh"), lambda k: images[k], light=light)
     for k in images:
         fresh.paste(k, placement_at(100.0 * k + 40.0, 7.0, frame=k), images[k], float(k))
     window = Window(-300, -300, 900, 700)

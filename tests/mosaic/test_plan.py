@@ -8,11 +8,12 @@ from photomap_gis.core.frame import FrameStatus
 from photomap_gis.core.grid import MapGrid
 from photomap_gis.core.posegraph import Trajectory
 from photomap_gis.mosaic import plan_grid, plan_tiles
-from photomap_gis.mosaic.blend import Seen, consensus_weights, labels_of
-from photomap_gis.mosaic.choice import sight
 from photomap_gis.mosaic.lattice import STEP_PX, Lattice
+from photomap_gis.mosaic.light import consensus_weights
+from photomap_gis.mosaic.sighting import BORDER_PX, sights_of
 from photomap_gis.mosaic.views import views_of
 from tests.mosaic.flight import GSD_M, MAP_FRAME, place
+from tests.mosaic.looking import labels_of
 
 
 def random_trajectory(rng, count=20):
@@ -72,14 +73,15 @@ def test_the_plan_names_all_frames_that_matter_and_few_others(seed):
     named = needed = 0
     for tile in grid.tiles():
         lattice = Lattice.over(grid.window(tile), grid, MAP_FRAME)
-        slack = 3 * STEP_PX * grid.pixel_size
-        seen = [Seen(v, sight(v, lattice.nodes_xy_map_m, lattice.shape, slack_m=slack)) for v in views]
+        sights = sights_of(views, lattice, grid.pixel_size)
         window = grid.window(tile)
-        labels = labels_of(seen, lattice)[STEP_PX : STEP_PX + window.height, STEP_PX : STEP_PX + window.width]
-        givers = {seen[i].view.frame for i in np.unique(labels) if i >= 0}
-        on_raster = np.stack([np.nan_to_num(one.at_nodes.border_px, nan=-1.0) > 0.0 for one in seen])
-        shares = ((consensus_weights(seen) > 1e-3) & on_raster)[:, 2:-2, 2:-2].any(axis=(1, 2))
-        sharing = {one.view.frame for one, has_share in zip(seen, shares, strict=True) if has_share}
+        labels = labels_of(views, sights, lattice)[0][
+            STEP_PX : STEP_PX + window.height, STEP_PX : STEP_PX + window.width
+        ]
+        givers = {views[i].frame for i in np.unique(labels) if i >= 0}
+        on_raster = np.nan_to_num(sights[:, BORDER_PX], nan=-1.0) > 0.0
+        shares = ((consensus_weights(views, sights) > 1e-3) & on_raster)[:, 2:-2, 2:-2].any(axis=(1, 2))
+        sharing = {view.frame for view, has_share in zip(views, shares, strict=True) if has_share}
         job = jobs.get(tile)
         assert givers <= set(job.frames if job else ())
         assert sharing <= set(job.neighbours if job else ())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from photomap_gis.core.grid import MapGrid, Window
 from photomap_gis.mosaic.exposure import Exposure
 from photomap_gis.mosaic.render import render_tile_and_sources
-from photomap_gis.mosaic.seams import BAND, NOBODY, flood, flood_line, node_labels
+from photomap_gis.mosaic.seams import BAND, NOBODY, SLIVER_NODES, flood, flood_line, node_labels, without_slivers
 from photomap_gis.mosaic.views import views_of
 from tests.mosaic.flight import GSD_M, MAP_FRAME, Flight, picture, place
 from tests.mosaic.test_render import Source
@@ -19,6 +19,16 @@ SIDE = 68
 EDGES = (2, SIDE - 2)
 HALF = 100.0  # nodes
 SIZES = {"half_diagonals_nodes": [HALF, HALF]}
+
+
+def pictures(greys, roughness):
+    """What frames show at the nodes that two of them contend for."""
+
+    def look(contest):
+        which = np.maximum(contest.two, 0).astype(int)
+        return tuple(np.take_along_axis(np.stack(a).astype(np.float32), which, axis=0) for a in (greys, roughness))
+
+    return look
 
 
 def two_cells(tilt: float = 0.0) -> np.ndarray:
@@ -34,7 +44,7 @@ def flat(k: int = 2) -> list[np.ndarray]:
 
 def test_where_all_is_even_the_seam_is_where_both_cost_the_same():
     costs = two_cells(0.2)
-    labels = node_labels(costs, flat(), flat(), edges=EDGES, **SIZES)
+    labels = node_labels(costs, pictures(flat(), flat()), edges=EDGES, **SIZES)
     inner = np.s_[2:-2, 2:-2]
     assert np.abs((labels == 0)[inner].sum(axis=1) - (costs[0] < costs[1])[inner].sum(axis=1)).max() <= 1
 
@@ -43,11 +53,11 @@ def test_a_roof_on_the_line_goes_to_one_frame_whole():
     a, b = flat()
     a[20:40, 30:38], b[20:40, 31:39] = 190.0, 150.0  # each frame sees another side of it
     rough = [np.where(g > 120, 20.0, 0.0).astype(np.float32) for g in (a, b)]
-    labels = node_labels(two_cells(), [a, b], rough, edges=EDGES, **SIZES)
+    labels = node_labels(two_cells(), pictures([a, b], rough), edges=EDGES, **SIZES)
     roof = labels[20:40, 30:39]
     assert (roof == roof[0, 0]).all()
     assert set(np.unique(labels)) == {0, 1}
-    assert (node_labels(two_cells(), flat(), flat(), edges=EDGES, **SIZES)[20:40, 30:39] == 0).any(), (
+    assert (node_labels(two_cells(), pictures(flat(), flat()), edges=EDGES, **SIZES)[20:40, 30:39] == 0).any(), (
         "else it would be cut"
     )
 
@@ -55,7 +65,9 @@ def test_a_roof_on_the_line_goes_to_one_frame_whole():
 def test_the_seam_is_free_in_its_band_only():
     rng = np.random.default_rng(0)
     costs = two_cells()
-    labels = node_labels(costs, [g + rng.normal(0, 30, g.shape) for g in flat()], flat(), edges=EDGES, **SIZES)
+    labels = node_labels(
+        costs, pictures([g + rng.normal(0, 30, g.shape) for g in flat()], flat()), edges=EDGES, **SIZES
+    )
     off = np.abs(np.arange(SIDE) - SIDE / 2) > BAND * HALF + 1
     assert np.array_equal(labels[:, off], costs.argmin(axis=0)[:, off])
     assert not np.array_equal(labels, costs.argmin(axis=0)), "in it a noise leads it astray"
@@ -65,8 +77,22 @@ def test_who_sees_nothing_gives_nothing():
     costs = two_cells()
     costs[0, :, 30:] = np.inf
     costs[:, :10] = np.inf
-    labels = node_labels(costs, flat(), flat(), edges=EDGES, **SIZES)
+    labels = node_labels(costs, pictures(flat(), flat()), edges=EDGES, **SIZES)
     assert (labels[10:, 30:] == 1).all() and (labels[:10] == NOBODY).all()
+
+
+def test_slivers_are_left_to_others_but_for_those_on_an_edge():
+    labels = np.zeros((SIDE, SIDE), np.int16)
+    labels[30, 30 : 30 + SLIVER_NODES - 1] = 1
+    labels[50, 50 : 50 + SLIVER_NODES] = 2
+    labels[2, 20] = 3
+    labels[40, 40] = 4
+    costs = np.zeros((5, SIDE, SIDE), np.float32) + np.arange(5, dtype=np.float32)[:, None, None]
+    costs[:4, 40, 40] = np.inf  # nobody else sees it
+    kept = without_slivers(labels, costs, EDGES)
+    expected = labels.copy()
+    expected[labels == 1] = 0
+    assert np.array_equal(kept, expected)
 
 
 def test_tiles_agree_along_their_common_edge():
@@ -79,8 +105,7 @@ def test_tiles_agree_along_their_common_edge():
     left, right = (
         node_labels(
             costs[:, :, cut],
-            [g[:, cut] for g in grey],
-            [g[:, cut] for g in grey],
+            pictures([g[:, cut] for g in grey], [g[:, cut] for g in grey]),
             edges=EDGES,
             half_diagonals_nodes=[HALF] * 6,
         )

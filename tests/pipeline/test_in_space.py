@@ -81,7 +81,6 @@ def test_the_fit_is_to_the_fixes_as_they_were_used(mapped, monkeypatch):
         return bundle_adjust(problem)
 
     late = {0: FixLag(2.0, 0.05)}
-    monkeypatch.setattr(in_space, "bundle_adjust", spy)
     monkeypatch.setattr(in_space, "lags_by_flight", lambda solution, fixes: late)
     with Mission.open(mapped.folder) as mission:
         frames = tuple(mission.frames)
@@ -91,12 +90,12 @@ def test_the_fit_is_to_the_fixes_as_they_were_used(mapped, monkeypatch):
         measurements.take_kept()
         flat = solve_mission(mission, frames, views, measurements, MapSettings())
     flat = replace(flat, solution=replace(flat.solution, fix_lags=late))
-    posed = in_space.solve_in_space(frames, views, measurements, flat)
+    posed = in_space.solve_in_space(frames, views, measurements, flat, adjust=spy)
     raw, used = asked
     assert np.abs(raw.fix_xy - used.fix_xy).max() > 3.0
     centres = {p.frame: p.camera_to_map.centre_map[:2] for p in posed.trajectory.placements}
     off = np.array([centres[used.views[k].frame] for k in used.fix_of]) - used.fix_xy
-    trusted = np.diag(used.fix_information)  # a lag that is not there makes blunders, which do not count
+    trusted = np.diag(used.fix_noise.information)  # a lag that is not there makes blunders, which do not count
     off = off[trusted > 1e-3 * np.median(trusted)]
     assert len(off) >= 5
     assert posed.fit_to_gps_rms_m == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=1e-6)

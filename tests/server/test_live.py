@@ -7,6 +7,7 @@ import shutil
 import threading
 from pathlib import Path
 from typing import get_args
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -203,6 +204,26 @@ def test_numbers_have_colours_and_values(client, session):
     assert picture(client.get("/" + url).content)[..., 3].any()
 
 
+def test_wmts_of_a_flight_leaves_room_for_what_it_will_see(client, session):
+    session.step(40)
+    document = client.get("/missions/1").json()
+    root = ElementTree.fromstring(client.get("/" + document["links"]["wmts"]).content)
+    ns = {"w": "http://www.opengis.net/wmts/1.0", "ows": "http://www.opengis.net/ows/1.1"}
+    layers = {e.findtext("ows:Identifier", namespaces=ns): e for e in root.iterfind("w:Contents/w:Layer", ns)}
+    assert set(layers) == {layer["id"] for layer in document["layers"]}
+    assert not layers["map"].findall(".//w:TileMatrixLimits", ns)
+    west, south = map(float, layers["map"].findtext("ows:WGS84BoundingBox/ows:LowerCorner", namespaces=ns).split())
+    session.step(100)  # the drone flies on: what is seen then lies within what the client was told
+    after = client.get("/missions/1").json()
+    bounds = after["layers"][0]["scheme"]["bounds"]
+    assert west < bounds[0] and south < bounds[1]
+    z = after["layers"][0]["scheme"]["max_zoom"]
+    x, y = tile_of(*after["live"]["pose"]["centre"], z)
+    template = layers["map"].find("w:ResourceURL", ns).get("template")
+    url = template.replace("{TileMatrix}", str(z)).replace("{TileCol}", str(x)).replace("{TileRow}", str(y))
+    assert picture(client.get(url).content)[..., 3].any()
+
+
 def test_the_map_without_a_place_and_the_moment_it_snaps(tmp_path):
     session = FakeSession(tmp_path / "flight", georeferenced=False)
     with client_of(session) as client:
@@ -210,6 +231,7 @@ def test_the_map_without_a_place_and_the_moment_it_snaps(tmp_path):
         document = client.get("/missions/1").json()
         scheme = document["layers"][0]["scheme"]
         assert not document["georeferenced"] and document["note"] and scheme["kind"] == "local"
+        assert client.get("/missions/1/wmts.xml").status_code == 404
         x, y = document["live"]["pose"]["centre"]
         size = scheme["unit_per_px"]
         tx, ty = (int(abs(v - o) / size // 256) for v, o in zip((x, y), scheme["origin_xy"], strict=True))
@@ -320,7 +342,6 @@ def test_the_stabilised_view_is_made_only_while_somebody_looks(client, session):
 
 def test_what_cannot_be_is_told(client, session):
     session.step(20)
-    assert client.get("/missions/1/wmts.xml").status_code == 404
     assert client.get("/tiles.json").json()["tiles"][0].endswith("/missions/1/layers/map/{z}/{x}/{y}.png")
     for path in ("/missions/1/layers/nope/0/0/0.png", "/missions/1/layers/map/99/0/0.png",
                  "/missions/1/layers/map/1/2/0.png", "/missions/1/layers/map/1/0/0.gif", "/missions/2/live",

@@ -288,6 +288,25 @@ def test_a_lost_server_is_told_and_found_again_by_itself(browser, tmp_path):
 
 
 @needs_page
+def test_a_flight_that_has_ended_with_its_server_is_not_lost(browser, tmp_path):
+    session = session_in(tmp_path)
+    context = browser.new_context(viewport={"width": 1000, "height": 700})
+    page = context.new_page()
+    with live_server(session) as served:
+        page.goto(served.url)
+        page.wait_for_selector("body[data-ready]")
+        fly(page, session, 40)
+        session.finalise()
+        session.progress(0.9)
+        page.locator("#live-words", has_text="90 %").wait_for()
+        page.evaluate("() => photomap.live.events.dispatchEvent(new MessageEvent('ended', "
+                      "{ data: JSON.stringify({ event: 'ended', progress: 1, words: '' }) }))")  # fmt: skip
+    head(page, "LANDED")
+    page.locator("#live-words", has_text="photomap serve").wait_for()
+    context.close()
+
+
+@needs_page
 def test_a_waiting_map_shows_the_drone_in_grey(browser, tmp_path):
     with flight_page(browser, tmp_path) as (session, page):
         fly(page, session, 30)

@@ -45,3 +45,26 @@ def test_several_components_are_solved_at_once(rng):
 def test_what_is_tied_to_nothing_is_refused():
     with pytest.raises(np.linalg.LinAlgError):
         blocktri.factor(sparse.csc_array(np.diag([1.0, 0.0])), np.zeros(0, np.intp))
+
+
+def test_unknowns_of_a_group_stay_together_though_nothing_couples_them(rng):
+    """Poses that hang on nothing but their own fix: each of their unknowns is a component of its own."""
+    poses = 40
+    diagonal = np.exp(rng.normal(size=4 * poses) * 3)
+    chain = banded(rng, 80, 3).toarray()
+    whole = np.block([
+        [np.diag(diagonal), np.zeros((4 * poses, 80))],
+        [np.zeros((80, 4 * poses)), chain],
+    ])  # fmt: skip
+    matrix = sparse.csc_array(whole)
+    group = np.arange(len(whole)) // 4
+    factor = blocktri.factor(matrix, np.zeros(0, np.intp), group=group)
+    for block in factor.blocks:
+        assert np.array_equal(np.unique(group[block], return_counts=True)[1], np.full(len(block) // 4, 4))
+    got = factor.inverse_diagonal(4, np.arange(0, len(whole), 4))
+    scale = 1.0 / np.sqrt(np.diagonal(whole))
+    inverse = np.linalg.inv(whole * scale[:, None] * scale) * scale[:, None] * scale
+    wanted = np.array([inverse[k : k + 4, k : k + 4] for k in range(0, len(whole), 4)])
+    sigma = np.sqrt(np.diagonal(wanted, axis1=1, axis2=2))
+    np.testing.assert_allclose(got / sigma[:, :, None] / sigma[:, None], wanted / sigma[:, :, None] / sigma[:, None],
+                               rtol=1e-6, atol=1e-9)  # fmt: skip

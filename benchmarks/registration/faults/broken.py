@@ -20,7 +20,8 @@ from benchmarks.registration.faults.cases import (
     working,
 )
 from benchmarks.registration.faults.screen import draw_menu, draw_telemetry, write
-from benchmarks.registration.faults.streams import Coding, damage, decode, encode, through_bad_jpeg, through_jpeg
+from benchmarks.registration.faults.spoilt import SpoiltStream
+from benchmarks.registration.faults.streams import Coding, decode, encode, through_bad_jpeg, through_jpeg
 from benchmarks.registration.pictures import Part
 
 TAKE = 12
@@ -108,31 +109,20 @@ def _blocks(rng: np.random.Generator, part: Part) -> Case | None:
 
 
 def _stream(rng: np.random.Generator, part: Part) -> Case | None:
-    motion = Motion.HOVER if rng.uniform() < 0.05 else Motion.VIDEO
-    light, places = fly_placed(rng, draw_picture(rng, part), motion, TAKE)
-    frames = expose(rng, light, Look.draw(rng))
-    if rng.uniform() < 0.25:
-        frames = draw_telemetry(rng, frames)
-    coding = Coding.draw(rng)
-    packets = encode(frames, coding)
-    clean = decode(packets, coding.codec)
-    shown = decode(damage(rng, packets, first=3, strokes=int(rng.integers(1, 5))), coding.codec)
-    size = size_of(rng, frames[0])
-    sound, at, faulty = None, 0, []
-    for k in sorted(shown.keys() & clean.keys()):
-        if shown[k].shape != clean[k].shape:
+    spoilt = SpoiltStream.draw(rng, part)
+    for k in (int(k) for k in rng.permutation(spoilt.numbers)):
+        if float(spoilt.damaged(k).mean()) < FAULTY_SHARE:
             continue
-        small, whole = working(shown[k], size), working(clean[k], size)
-        damaged = strong_difference(whole, small, drifted=True)
-        share = float(damaged.mean())
-        if share < 0.002:
-            sound, at = small, k
-        elif share >= FAULTY_SHARE and sound is not None:
-            known = damaged & seen_before(places[at], places[k], shown[k], small.shape)
-            rim = float(known.mean()) < FAULTY_SHARE
-            variety = RIM if rim else coding.codec.value
-            faulty.append(Case(Kind.BLOCKS, variety, True, small, sound, whole, damaged if rim else known))
-    return faulty[int(rng.integers(len(faulty)))] if faulty else None
+        at = spoilt.last_sound(k)
+        if at is None:
+            continue
+        damaged, (small, places) = spoilt.damaged(k), (spoilt.small, spoilt.places)
+        known = damaged & seen_before(places[at], places[k], spoilt.shape, small[k].shape)
+        rim = float(known.mean()) < FAULTY_SHARE
+        variety = RIM if rim else spoilt.codec.value
+        seen = damaged if rim else known
+        return Case(Kind.BLOCKS, variety, True, small[k], small[at], spoilt.whole[k], seen, suspect=k in spoilt.suspect)
+    return None
 
 
 def break_blocks(rng: np.random.Generator, clean: Grey, *, moved: bool, share: float | None = None) -> Grey:

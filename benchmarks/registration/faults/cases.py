@@ -9,7 +9,7 @@ are faulty by what was done to them: a repeat of the predecessor where the true 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -19,11 +19,14 @@ import numpy.typing as npt
 from photomap_gis.ifmi.working import shrink
 
 Grey = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Matrix = npt.NDArray[np.float64]
 FAULTY_SHARE = 0.03
 NEAR = 0.008
 """Displacement that is no damage, as a share of the width."""
 SPECK = 0.016
 """Damage narrower than this share of the width is none (4 px at 256: a block of 10 px at 640)."""
+NOTHING = 0.002
 STRONG_GREY = 8.0
 STRONG_CONTRAST = 0.3
 
@@ -35,7 +38,8 @@ class Case:
     ``kind`` is the fault or the kind of sound frame, ``variety`` how it was made; ``clean`` is the frame before it was
     broken and ``damaged`` ``(h, w)`` where it differs strongly from that. ``expected_px`` is how far the camera would
     have moved (in pixels of a picture 256 wide), as the motion before tells; ``H_previous_frame`` the true homography
-    between working pixels, where it is asked for.
+    between working pixels, where it is asked for. ``suspect`` tells that the decoder lost data since the last key
+    frame.
     """
 
     kind: str
@@ -48,6 +52,7 @@ class Case:
     seed: int = 0
     expected_px: float | None = None
     H_previous_frame: npt.NDArray[np.float64] | None = None
+    suspect: bool = False
 
     @property
     def damage(self) -> float:
@@ -55,17 +60,22 @@ class Case:
         return 0.0 if self.damaged is None else float(self.damaged.mean())
 
 
-def strong_difference(clean: Grey, shown: Grey, *, drifted: bool = False) -> npt.NDArray[np.bool_]:
+def strong_difference(
+    clean: Grey, shown: Grey, *, drifted: bool = False, motions: Sequence[Matrix] = ()
+) -> npt.NDArray[np.bool_]:
     """``(h, w)`` True where a frame shows what its clean picture shows nowhere near.
 
     Strongly is by more than 0.3 of the clean picture's own standard deviation, and by 8 grey levels at least, after
     gain and offset of the whole are evened out. Where the frame as a whole fits better displaced (its link lost a
     motion, not the picture), it is compared displaced; by a smooth field of small displacements too where it may have
-    ``drifted``, as a decoder's picture does when it goes on from a lost reference.
+    ``drifted``, as a decoder's picture does when it goes on from a lost reference. ``motions`` ``(3, 3)`` carry the
+    frame's pixels to where the clean picture would show them if the camera stood where it did at other moments.
     """
     best = _beyond(clean, shown)
-    for moved in _displaced(clean, shown) if float(best.mean()) >= FAULTY_SHARE else ():
+    for moved in _displaced(clean, shown, motions) if float(best.mean()) >= FAULTY_SHARE else ():
         best = moved if moved.mean() < best.mean() else best
+        if float(best.mean()) < NOTHING:
+            break
     if drifted and float(best.mean()) >= FAULTY_SHARE:
         moved = _drifted(clean, shown)
         best = moved if moved.mean() < best.mean() else best
@@ -87,10 +97,11 @@ def _drifted(clean: Grey, shown: Grey) -> npt.NDArray[np.bool_]:
     return _beyond(np.asarray(moved, np.uint8), shown) & reached
 
 
-def seen_before(H_ground_previous: npt.NDArray[np.float64], H_ground_frame: npt.NDArray[np.float64], frame: Grey,
-                shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:  # fmt: skip
-    """``shape`` True where a working frame shows what its predecessor showed too."""
-    h, w = frame.shape
+def seen_before(
+    H_ground_previous: Matrix, H_ground_frame: Matrix, whole: tuple[int, int], shape: tuple[int, ...]
+) -> Mask:
+    """``shape`` True where a working frame shows what its predecessor showed too; ``whole`` is the frames' shape."""
+    h, w = whole
     H = np.linalg.inv(H_ground_previous) @ H_ground_frame
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     seen = cv2.warpPerspective(np.full((h, w), 255, np.uint8), H, (w, h), flags=flags)
@@ -121,14 +132,21 @@ def _evened(seen: npt.NDArray[np.float32], whole: npt.NDArray[np.float32]) -> np
     return np.asarray(gain * seen + offset, np.float32) if 0.7 < gain < 1.4 else seen
 
 
-def _displaced(clean: Grey, shown: Grey) -> Iterator[npt.NDArray[np.bool_]]:
-    """Compare with the clean picture laid under the frame by the affine motions that fit best, if there are any."""
+def _displaced(clean: Grey, shown: Grey, motions: Sequence[Matrix]) -> Iterator[npt.NDArray[np.bool_]]:
+    """Compare with the clean picture laid under the frame by the affine motions that fit best, if there are any.
+
+    ``motions`` are further ones to begin from.
+    """
     k = max(1, clean.shape[1] // 128)
     a, b = (
         cv2.resize(g, None, fx=1 / k, fy=1 / k, interpolation=cv2.INTER_AREA).astype(np.float32) for g in (shown, clean)
     )
     (dx, dy), _ = cv2.phaseCorrelate(a, b, cv2.createHanningWindow(a.shape[::-1], cv2.CV_32F))
     starts = [(0.0, 0.0)] + ([(dx, dy)] if 1.0 < max(abs(dx), abs(dy)) < 0.3 * a.shape[1] else [])
+    middle = np.array([clean.shape[1] / 2.0, clean.shape[0] / 2.0, 1.0])
+    for H in motions:
+        there = H @ middle
+        starts.append(tuple((there[:2] / there[2] - middle[:2]) / k))
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
     for x, y in starts:
         motion = np.array([[1.0, 0.0, x], [0.0, 1.0, y]], np.float32)

@@ -24,7 +24,7 @@ class Outcome:
     ``fault`` is the name given, ``reason`` its words, ``masked`` the share of the frame that is masked of a frame that
     is kept. ``alone`` tells that it was rejected before any registration. ``ms`` is the CPU time of the judgement
     without the registration, at working size ``side_px``. ``wrong`` tells of partly lost frames that the frame is kept
-    and its registration, masked where there is a mask, is accepted and wrong.
+    and its registration, masked where there is a mask, is accepted and wrong. ``suspect`` is the decoder's word.
     """
 
     kind: str
@@ -40,6 +40,7 @@ class Outcome:
     ms: float
     side_px: int
     wrong: bool = False
+    suspect: bool = False
 
 
 def judge_case(case: Case) -> Outcome:
@@ -55,7 +56,7 @@ def judge_case(case: Case) -> Outcome:
         found = register(spectrum, make_spectrum(case.frame))
         shown = found if found.accepted else register_part(spectrum, case.frame) or found
         start = time.process_time()
-        verdict = judge_registered(look, before, shown, doubt=first.doubt)
+        verdict = judge_registered(look, before, shown, doubt=first.doubt, suspect=case.suspect)
         seconds += time.process_time() - start
     detected = not verdict.ok or verdict.fault is not None or _covers(verdict, case)
     return Outcome(
@@ -72,6 +73,7 @@ def judge_case(case: Case) -> Outcome:
         1e3 * seconds,
         max(case.frame.shape),
         _is_wrong(case, verdict, found),
+        case.suspect,
     )
 
 

@@ -24,6 +24,8 @@ DETECTED, LOST = Bar(low=0.99), Bar(high=0.005)
 FAULTY_COUNT = 2000
 SOUND_SHARE, PARTLY_SHARE = 0.25, 0.1
 """Sound frames a kind, and partly lost ones a loss, as shares of the faulty frames a kind."""
+RIM_SHARE = 0.3
+"""About so many frames with corrupt blocks turn out to be damaged at the rim only; they do not count."""
 SEED_STEP = 1_000_000
 CHUNK = 20
 
@@ -53,7 +55,8 @@ def judge_batch(batch: Batch) -> list[Outcome]:
 
 def batches(count: int, seed: int, part: Part) -> list[Batch]:
     """Return all batches for ``count`` faulty frames a kind."""
-    wanted = [("faulty", k.value, count) for k in Kind]
+    more = 1.0 / (1.0 - RIM_SHARE)
+    wanted = [("faulty", k.value, round(more * count) if k is Kind.BLOCKS else count) for k in Kind]
     wanted += [("sound", s.value, max(1, round(SOUND_SHARE * count))) for s in available(part)]
     wanted += [("partly", loss.value, max(1, round(PARTLY_SHARE * count))) for loss in Loss]
     out = []
@@ -97,6 +100,9 @@ def section_of(outcomes: Sequence[Outcome]) -> Section:
     figures.append(_share("sound frames lost", sound, _rejected, LOST))
     for side in sorted({256 if o.side_px <= 320 else 512 for o in outcomes}):
         figures.append(_cost(f"judgement at {side} px", [o for o in outcomes if (o.side_px > 320) == (side == 512)]))
+    silent = [o for o in faulty if o.kind == Kind.BLOCKS and not o.suspect]
+    if silent:
+        figures.append(_share("blocks without the decoder's word: detected", silent, _detected, None))
     rim = [o for o in outcomes if o.variety == RIM]
     if rim:
         figures.append(_share("blocks at the rim only: detected", rim, _detected, None))
@@ -111,6 +117,8 @@ NOTES = (
     "Detected is a frame that is rejected, or kept with the fault named and its place masked, or at least half of the "
     "damage of which is masked. Lost is a sound frame that is rejected.",
     "Blocks at the rim lie where the predecessor did not show the ground: only the next frame can tell. No bar.",
+    "The decoder's word counts as it does in the product: a frame is judged knowing whether data was lost since the "
+    "last key frame. Sound frames of which it says so are among the sound ones (mended stream).",
     "A frozen frame is judged knowing how far the camera moved before, as the motion of the frames before tells.",
     "A sound frame that is its predecessor to the bit in most places (the coder left it out) is drawn again.",
 )

@@ -14,6 +14,7 @@ from benchmarks.registration.faults.broken import coded, size_of, smear, take
 from benchmarks.registration.faults.camera import Look, Motion, draw_picture, expose, fly, sources
 from benchmarks.registration.faults.cases import Case, Grey, repeats, working
 from benchmarks.registration.faults.screen import draw_box, draw_propellers, draw_telemetry
+from benchmarks.registration.faults.spoilt import SpoiltStream
 from benchmarks.registration.faults.streams import Codec, Coding, decode, encode, through_jpeg
 from benchmarks.registration.pictures import SHARED, Origin, Part, read_grey
 
@@ -41,19 +42,25 @@ class Sound(StrEnum):
     TILT = "tilt"
     RELIEF = "relief"
     MOVERS = "moving objects"
+    MENDED = "mended stream"
     REAL = "real photos"
     REAL_VIDEO = "real video"
 
 
+_NUMBERS = {s: k for k, s in enumerate([s for s in Sound if s is not Sound.MENDED] + [Sound.MENDED])}
+"""What the random numbers of a kind begin with: those of a new kind come last."""
+
+
 def make_sound(kind: Sound, seed: int, part: Part) -> Case:
     """Return the case of a kind, a seed and a part."""
-    rng = np.random.default_rng([seed, 100 + list(Sound).index(kind), 0 if part == "tuning" else 1])
+    rng = np.random.default_rng([seed, 100 + _NUMBERS[kind], 0 if part == "tuning" else 1])
     for _ in range(60):
         previous, frame = _MAKERS[kind](rng, part)
         if previous is None or not repeats(frame, previous):
             size = size_of(rng, frame)
             before = None if previous is None else working(previous, size)
-            return Case(kind, "", False, working(frame, size), before, seed=seed)
+            suspect = kind is Sound.MENDED
+            return Case(kind, "", False, working(frame, size), before, seed=seed, suspect=suspect)
     raise RuntimeError(f"no sound frame of kind {kind} came out of seed {seed}")
 
 
@@ -250,6 +257,17 @@ def _movers(rng: np.random.Generator, part: Part) -> Pair:
     return _last_two(coded(rng, frames))
 
 
+def _mended(rng: np.random.Generator, part: Part) -> Pair:
+    """Frames that show no damage although the decoder lost data shortly before: concealed well, or overwritten."""
+    for _ in range(60):
+        spoilt = SpoiltStream.draw(rng, part)
+        for k in (int(k) for k in rng.permutation(sorted(spoilt.suspect & set(spoilt.numbers)))):
+            at = spoilt.last_sound(k)
+            if at is not None and spoilt.is_sound(k):
+                return spoilt.small[at], spoilt.small[k]
+    raise RuntimeError("no damaged stream had a sound frame")
+
+
 def _real(rng: np.random.Generator, part: Part) -> Pair:
     """A photo and the next one of its flight, as they are."""
     groups = [g for g in sources(part).groups if g[0].origin is Origin.SHARED and len(g) > 1]
@@ -299,6 +317,7 @@ _MAKERS: dict[Sound, Callable[[np.random.Generator, Part], Pair]] = {
     Sound.TILT: _tilt,
     Sound.RELIEF: _relief,
     Sound.MOVERS: _movers,
+    Sound.MENDED: _mended,
     Sound.REAL: _real,
     Sound.REAL_VIDEO: _real_video,
 }

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from av.codec.context import Flags, Flags2
 
+from photomap_gis.ingest.trouble import Trouble
+
 Grey = npt.NDArray[np.uint8]
 START_CODE = b"\x00\x00\x01"
 
@@ -75,20 +77,30 @@ def encode(frames: list[Grey], coding: Coding) -> list[Packet]:
 
 def decode(packets: list[Packet], codec: Codec) -> dict[int, Grey]:
     """Return what a decoder shows of a stream, damaged parts too, by frame number; frames it gives up are absent."""
+    return decode_telling(packets, codec)[0]
+
+
+def decode_telling(packets: list[Packet], codec: Codec) -> tuple[dict[int, Grey], set[int]]:
+    """Return what ``decode`` does, and of which frames the decoder told that something was missing (``Trouble``)."""
     context = av.CodecContext.create(codec.value, "r")
     context.thread_count = 1
     context.flags |= Flags.output_corrupt
     context.flags2 |= Flags2.show_all
     shown: dict[int, Grey] = {}
+    suspect: set[int] = set()
+    trouble = Trouble()
 
     def take(packet: av.Packet[Any] | None) -> None:
         try:
             for frame in context.decode(packet):
+                told = trouble.of(frame)
                 if frame.pts is not None:
                     y = frame.to_ndarray(format="gray")
                     shown[int(frame.pts)] = np.asarray(y, np.uint8)
+                    if told:
+                        suspect.add(int(frame.pts))
         except av.error.FFmpegError:
-            pass  # a packet that cannot be decoded at all
+            trouble.failed()  # a packet that cannot be decoded at all
 
     for number, content in packets:
         if content:
@@ -97,7 +109,7 @@ def decode(packets: list[Packet], codec: Codec) -> dict[int, Grey]:
             packet.pts = packet.dts = number
             take(packet)
     take(None)
-    return shown
+    return shown, suspect
 
 
 def damage(rng: np.random.Generator, packets: list[Packet], *, first: int, strokes: int) -> list[Packet]:

@@ -7,10 +7,9 @@ a soft lens) is the camera's habit, not this frame's fault.
 
 from __future__ import annotations
 
-import math
-
 from photomap_gis.core.frame import ImageArray
 from photomap_gis.ifmi.frames import blur
+from photomap_gis.ifmi.frames.doubt import FLAT_SHARE, doubt_of
 from photomap_gis.ifmi.frames.look import LEAST_SIDE_PX, FrameLook, look_at
 from photomap_gis.ifmi.frames.still import is_frozen, stillness
 from photomap_gis.ifmi.frames.traits import Traits
@@ -18,14 +17,9 @@ from photomap_gis.ifmi.frames.verdict import Fault, FrameVerdict, rejected
 
 EMPTY_DEVIATION, EMPTY_NOISE, EMPTY_COHERENCE = 1.0, 2.7, 0.5
 """Standard deviation in grey levels up to which a frame shows nothing; up to the second, where it is noise only."""
-FLAT_SHARE, FLAT_SHARE_ALONE = 0.33, 0.85
+FLAT_SHARE_ALONE = 0.85
 STRIPED = 0.004
 SNOW_COHERENCE, SNOW_LIKENESS, SNOW_DEVIATION = 0.33, 0.35, 6.0
-SMEARED_SHARE, BLOCKY_SHARE, CORNERED_SHARE = 0.0125, 0.06, 0.003
-"""Shares that are as good as certain; half of them is an even bet."""
-TORN_RATIO = 1.6
-"""Two rows that differ so much more than those around them are an even bet."""
-LIKELY = 0.95
 
 
 def judge_frame(
@@ -55,10 +49,9 @@ def judge_frame(
         return FrameVerdict(True)
     if is_frozen(stillness(look, before), expected_px):
         return rejected(Fault.FROZEN)
-    blurred = blur.blur_score(look.traits, before.traits)
-    if blurred > blur.SURE:
+    if blur.blur_score(look.traits, before.traits) > blur.SURE:
         return rejected(Fault.BLURRED)
-    return FrameVerdict(True, doubt=_doubt(look.traits, before.traits, blurred))
+    return FrameVerdict(True, doubt=doubt_of(look.traits, before.traits).of_kin)
 
 
 def _empty(t: Traits, before: Traits | None) -> FrameVerdict | None:
@@ -89,19 +82,3 @@ def _is_snow(t: Traits) -> bool:
         and t.coherence < SNOW_COHERENCE
         and t.row_likeness < SNOW_LIKENESS
     )  # fmt: skip
-
-
-def _doubt(t: Traits, before: Traits, blurred: float) -> float:
-    """Return how faulty a frame looks that none of the sure tests rejected."""
-    return min(
-        1.0,
-        max(
-            0.0,
-            (t.smeared - 1.5 * before.smeared) / SMEARED_SHARE,
-            min(LIKELY, (t.blocky - 2.0 * before.blocky) / BLOCKY_SHARE),
-            min(LIKELY, (t.cornered - 2.0 * before.cornered) / CORNERED_SHARE),
-            min(LIKELY, 0.5 * (t.tear / max(before.tear, 1.0) - 1.0) / (TORN_RATIO - 1.0)),
-            0.75 * (t.flat_share - before.flat_share) / FLAT_SHARE,
-            1.0 / (1.0 + math.exp(min(-(blurred - blur.DOUBTFUL), 50.0))),
-        ),
-    )

@@ -49,13 +49,27 @@ def light_step(under: FloatImage, picture: FloatImage, seen: Mask8) -> LightStep
     enough = np.flatnonzero(told.sum(axis=1) >= LEAST_STRIPS)
     if not len(enough):
         return none
-    low = np.nanquantile(step[enough], OF_STRIPS, axis=1)
-    high = np.nanquantile(step[enough], 1.0 - OF_STRIPS, axis=1)
+    low, high = _quantiles(step[enough], (OF_STRIPS, 1.0 - OF_STRIPS))
     jump = np.maximum(low, -high)
     best = int(np.argmax(jump))
     row = int(enough[best])
     limit = max(LEAST_GREY, LEAST_CONTRAST * float(picture.std()))
     return LightStep(float(jump[best]) / limit, _side(light, known, row, (h, w)))
+
+
+def _quantiles(rows: FloatImage, shares: tuple[float, ...]) -> list[npt.NDArray[np.float64]]:
+    """Return quantiles of each row's numbers, NaN left out: ``nanquantile`` takes a row at a time, which is slow."""
+    ordered = np.sort(rows, axis=1).astype(np.float64)  # NaN comes last
+    count = np.isfinite(rows).sum(axis=1)
+    row = np.arange(len(rows))
+    found = []
+    for share in shares:
+        at = share * (count - 1)
+        below = np.floor(at).astype(np.intp)
+        above = np.minimum(below + 1, count - 1)
+        part = at - below
+        found.append(ordered[row, below] * (1.0 - part) + ordered[row, above] * part)
+    return found
 
 
 def _difference(under: FloatImage, picture: FloatImage, weight: FloatImage) -> FloatImage:

@@ -14,9 +14,12 @@ from photomap_gis.core.frame import ImageArray
 from photomap_gis.core.measurement import Registration
 from photomap_gis.core.similarity import FloatArray
 from photomap_gis.ifmi.frames.blur import LIKELY, blur_score
+from photomap_gis.ifmi.frames.doubt import doubt_of
+from photomap_gis.ifmi.frames.drawn import drawn_out
 from photomap_gis.ifmi.frames.fit import Fit, Mask8, fit
 from photomap_gis.ifmi.frames.look import FrameLook, look_at
 from photomap_gis.ifmi.frames.misfit import understand
+from photomap_gis.ifmi.frames.rows import row_motion
 from photomap_gis.ifmi.frames.traits import cut_ratio
 from photomap_gis.ifmi.frames.verdict import GOOD, Fault, FrameVerdict, rejected
 
@@ -28,8 +31,16 @@ MASKED_SHARE = 0.01
 MOST_LOST = 0.45
 """Share of what both frames saw above which it is not sure any more which part is right."""
 BELIEVED_DOUBT, NAMING_DOUBT = 0.5, 0.9
+SUSPECT_DOUBT = 0.9
+"""How faulty a frame is that the decoder complained of: what does not fit is then no car."""
+KIN_PROBABILITY = 0.1
+"""A registration that is not believed, but not quite out of the question either, shows the same ground."""
+DRAWN_OUT = 0.6
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
+MOST_STRETCHED = 1.4
+"""From one frame to the next no camera leans so much; rows that lie each 0.35 px further do."""
+STRETCHED_AGREEMENT = 0.75
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
@@ -47,20 +58,25 @@ def judge_registered(
     registration: Registration,
     *,
     doubt: float = 0.0,
+    suspect: bool = False,
 ) -> FrameVerdict:
     """Return the verdict on a frame that passed ``judge_frame``, compared with its predecessor where it is registered.
 
     ``registration`` carries the frame (b) into its predecessor (a), in pixels of the pictures given. ``doubt`` is that
-    of the first verdict: it is believed where nothing could be registered. What does not fit is masked, a fault or
-    not; a frame of which too much is lost is rejected.
+    of the first verdict: it is believed where nothing could be registered. ``suspect`` tells that the decoder lost data
+    since the last key frame. What does not fit is masked, a fault or not; a frame of which too much is lost is
+    rejected.
     """
     look, before = look_at(frame), look_at(predecessor)
     if look.shape != before.shape:
         return GOOD
     if not registration.accepted:
-        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+        return _unregistered(look, before, 1.0 if suspect else doubt, registration.probability, suspect=suspect)
     H = registration.T_a_b.matrix if registration.H_a_b is None else registration.H_a_b
+    doubt = max(doubt, SUSPECT_DOUBT) if suspect else doubt
     found = fit(look, before, np.asarray(H, np.float64))
+    if _stretch(H) > MOST_STRETCHED and found.agreement > STRETCHED_AGREEMENT:
+        return rejected(Fault.TORN, ": its rows are displaced")
     if found.overlap < LEAST_OVERLAP:
         return GOOD
     if doubt > BELIEVED_DOUBT and found.agreement < LEAST_AGREEMENT:
@@ -79,6 +95,29 @@ def judge_registered(
         fault = fault or Fault.BLOCKS
         return FrameVerdict(False, f"{fault.words}: {misfit.share:.0%} lost", fault, None, misfit.share)
     return FrameVerdict(True, words, fault, _usable(misfit.lost, look.shape), misfit.share)
+
+
+def _unregistered(
+    look: FrameLook, before: FrameLook, doubt: float, probability: float, *, suspect: bool
+) -> FrameVerdict:
+    """Return the verdict on a frame that fits nowhere as a whole: perhaps its rows do, or it is no picture at all."""
+    if look.usable is not None or before.usable is not None:  # their borders are straight and stay where they are
+        return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+    rows = row_motion(look, before)
+    if rows.is_torn:
+        return rejected(Fault.TORN, ": its rows are displaced")
+    if drawn_out(look.coarse) - max(0.0, drawn_out(before.coarse)) > DRAWN_OUT:
+        return rejected(Fault.BLOCKS, ": drawn out")
+    if rows.known_share == 0.0 and probability < KIN_PROBABILITY and not suspect:
+        # no sign of ground in common: what is new about the frame may be the place
+        doubt = min(doubt, doubt_of(look.traits, before.traits).of_strangers)
+    return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
+
+
+def _stretch(H_a_b: FloatArray) -> float:
+    """Return how many times longer a motion draws the frame in one direction than across it."""
+    long, short = np.linalg.svd(np.asarray(H_a_b)[:2, :2], compute_uv=False)
+    return float(long / max(short, 1e-9))
 
 
 def _usable(lost: Mask8, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:

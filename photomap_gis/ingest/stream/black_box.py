@@ -32,6 +32,7 @@ _OPTIONS = {
     "mpegts": {"flush_packets": "1", "mpegts_copyts": "1", "avoid_negative_ts": "disabled"},
     "matroska": {"flush_packets": "1", "cluster_time_limit": "900"},
 }
+_RAW = frozenset({"rawvideo", "wrapped_avframe"})
 _SUFFIX = {"mpegts": ".ts", "matroska": ".mkv"}
 _PIECE_S = 300.0
 _JUMP_S = 5.0
@@ -104,6 +105,12 @@ class BlackBox:
         self._untimed = []
         self._close_piece()
         self._template = (video, data)
+        if video.codec_context.name in _RAW and self.problem is None:
+            width, height = _shape(video)
+            self._stop(
+                f"raw pictures of {width} x {height} would fill the disk within minutes (set the device to MJPEG or "
+                "H.264 to have them recorded); key frames are kept"
+            )
 
     def packet(self, packet: Any) -> None:
         """Keep one packet of the connection (before it is decoded: the decoder may change it)."""

@@ -35,7 +35,7 @@ class Delivery:
 
     def frames(
         self, decoded: Any, arrival_s: float, *, frame_number: int | None = None, moment: Moment | None = None,
-        time_utc_s: float | None = None, source: str | None = None,
+        time_utc_s: float | None = None, source: str | None = None, is_suspect: bool = False,
     ) -> Iterator[LiveFrame | StreamGap]:  # fmt: skip
         """Yield a decoded frame, after what is to be told of the place at which it stands.
 
@@ -71,7 +71,7 @@ class Delivery:
             camera=self._camera,
         )
         self.index += 1
-        yield LiveFrame(ref, DecodedPicture(decoded), arrival_s)
+        yield LiveFrame(ref, DecodedPicture(decoded), arrival_s, is_suspect)
 
     def metadata(self, data: bytes, arrival_s: float, stream_time_s: float | None = None) -> Iterator[StreamFix]:
         """Yield the positions in a packet of MISB metadata; what is none, or damaged, yields nothing."""

@@ -16,6 +16,7 @@ from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.stream.delivery import Delivery, pts_s
 from photomap_gis.ingest.stream.timeline import Timeline
 from photomap_gis.ingest.telemetry.demux import packets
+from photomap_gis.ingest.trouble import Trouble
 
 _LONGEST_NAP_S = 0.2
 _DECODING_THREADS = 2
@@ -62,7 +63,7 @@ class FileSource:
         )  # fmt: skip
         began_s: float | None = None
         counted = -1
-        damaged = 0
+        damaged, trouble = 0, Trouble()
         with open_video(self._path) as container:
             stream = video_stream(container, self._path)
             set_low_latency(stream)
@@ -73,9 +74,12 @@ class FileSource:
                 if packet.stream is not stream:
                     yield from delivery.metadata(bytes(packet), self._clock.now_s(), self._second(packet))
                     continue
+                if packet.is_corrupt:
+                    trouble.failed()
                 try:
                     frames = packet.decode()
                 except FFmpegError:
+                    trouble.failed()
                     damaged += 1
                     continue
                 if damaged and frames:
@@ -83,6 +87,7 @@ class FileSource:
                     damaged = 0
                 for decoded in frames:
                     counted += 1
+                    is_suspect = trouble.of(decoded)
                     if began_s is None:
                         began_s = self._clock.now_s()
                     if self.is_live:
@@ -95,6 +100,7 @@ class FileSource:
                     yield from delivery.frames(
                         decoded, self._clock.now_s(), frame_number=number,
                         time_utc_s=None if started is None or told_s is None else started + told_s,
+                        is_suspect=is_suspect,
                     )  # fmt: skip
         if damaged:
             yield self._damage(damaged, timeline)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import threading
 from collections.abc import Iterator
@@ -10,7 +11,16 @@ from pathlib import Path
 
 from photomap_gis.core.errors import DataError, FrameReadError
 from photomap_gis.core.frame import FrameRef
-from photomap_gis.core.live import EndReason, GapKind, LiveClock, LiveFrame, StreamEnd, StreamEvent, StreamGap
+from photomap_gis.core.live import (
+    EndReason,
+    GapKind,
+    LiveClock,
+    LiveFrame,
+    StreamEnd,
+    StreamEvent,
+    StreamGap,
+    StreamRenamed,
+)
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.photo_flights import natural_key
 from photomap_gis.ingest.photos import photo_footage
@@ -40,7 +50,8 @@ class _Seen:
 class FolderSource:
     """A ``FrameSource`` of a folder: ``watch`` waits for more photos until it is closed, without it it ends.
 
-    A file is read when two looks found it unchanged and it decodes whole. What comes together is put in order of EXIF
+    A file is read when two looks found it unchanged and it decodes whole; the same picture under a second name is left
+    out. What comes together is put in order of EXIF
     time, then of name; the stream time is the EXIF time since the first photo where it rises, else that of arrival.
     """
 
@@ -48,6 +59,7 @@ class FolderSource:
         self._folder, self._options, self._clock = folder, options, clock
         self.is_live = watch
         self._done: set[Path] = set()
+        self._prints: dict[bytes, Path] = {}
         self._waiting: dict[Path, _Seen] = {}
         self._closed = threading.Event()
         self._started_utc_s: float | None = None
@@ -88,8 +100,19 @@ class FolderSource:
                     frame = read_photo(ref)
                 except FrameReadError:
                     continue  # still being written: it stays among those that are waited for
-                self._taken(Path(ref.source))
+                path = Path(ref.source)
+                self._taken(path)
                 arrival_s = self._clock.now_s()
+                twin = self._twin(path)
+                if twin is not None:
+                    if not twin.exists():
+                        yield StreamRenamed(str(twin), str(path))
+                    else:
+                        yield StreamGap(
+                            GapKind.FILE_LEFT_OUT, timeline.stream_time_s, arrival_s,
+                            f"{path.name}: the same picture as {twin.name}, left out", frames_lost=0,
+                        )  # fmt: skip
+                    continue
                 if self._started_utc_s is None:
                     self._started_utc_s = ref.time_s if ref.time_s is not None else self._clock.utc_s()
                 moment = timeline.place(ref.time_s, arrival_s)
@@ -145,6 +168,14 @@ class FolderSource:
             return None
         ref = footage.frames[0]
         return None if ref.problem is not None else ref
+
+    def _twin(self, path: Path) -> Path | None:
+        """Return the photo that was read with the very same bytes before, ``None`` where there is none."""
+        with path.open("rb") as file:
+            print_ = hashlib.file_digest(file, "blake2b").digest()
+        twin = self._prints.get(print_)
+        self._prints[print_] = path
+        return twin
 
     def _taken(self, path: Path) -> None:
         self._done.add(path)

@@ -8,7 +8,7 @@ from typing import Any
 
 from av.error import FFmpegError
 
-from photomap_gis.core.errors import PhotomapError
+from photomap_gis.core.errors import DataError, PhotomapError
 from photomap_gis.core.live import EndReason, GapKind, LiveClock, LiveFrame, StreamEnd, StreamEvent, StreamGap
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.stream.addresses import Address
@@ -18,6 +18,8 @@ from photomap_gis.ingest.stream.delivery import Delivery, held_back, pts_s
 from photomap_gis.ingest.stream.file_source import set_low_latency
 from photomap_gis.ingest.stream.own_address import as_typed_elsewhere, own_address
 from photomap_gis.ingest.stream.timeline import Timeline
+from photomap_gis.ingest.telemetry.beside import BesidePictures, Timed
+from photomap_gis.ingest.trouble import Trouble
 
 _MAX_ERRORS_IN_A_ROW = 50
 _LONGEST_NAP_S = 0.2
@@ -41,6 +43,7 @@ class LinkSource:
         self._limits, self._connector = limits or Limits(), connector or Plain()
         self._timeline = Timeline(by_arrival=True)
         self._delivery = Delivery(address.name, self._timeline, options, stem="live")
+        self._trouble = Trouble()
         self._closed = threading.Event()
         self._started_utc_s: float | None = None
         self._told_box = False
@@ -75,6 +78,7 @@ class LinkSource:
         retry_s = self._limits.first_retry_s
         silent_since_s: float | None = None  # None until there was a frame, and while they come
         said_waiting = False
+        told = ""
         while not self._closed.is_set():
             connection, self._first = self._first, None
             lost = ""
@@ -89,6 +93,9 @@ class LinkSource:
                 lost = str(error)
                 if isinstance(error, NobodySendsError):
                     retry_s = 0.0
+                elif isinstance(error, DataError) and lost != told:
+                    told = lost  # somebody sends, but nothing that can be shown: the sender can be set right
+                    yield self._gap(GapKind.UNUSABLE, lost)
             if connection is not None:
                 frames = 0
                 with_end = connection.has_end
@@ -129,8 +136,10 @@ class LinkSource:
         self._timeline.restart()
         began_s = self._clock.now_s()
         self._paced_from_s = began_s - self._timeline.stream_time_s if connection.has_end and self._realtime else None
-        is_awake = said_no_key = False
-        damaged = 0
+        is_awake = _stands_alone(video)
+        said_no_key = False
+        damaged, self._trouble = 0, Trouble()
+        beside: BesidePictures[bytes] = BesidePictures()
         self._lost_why = "the stream ended"
         try:
             for packet in self._packets(connection):
@@ -138,8 +147,11 @@ class LinkSource:
                 if packet.stream is not video:
                     if self._box is not None:
                         self._box.packet(packet)
-                    yield from self._delivery.metadata(bytes(packet), arrival_s)
+                    data, stamp_s = bytes(packet), pts_s(packet)
+                    told = [Timed(data, stamp_s)] if stamp_s is not None else beside.untimed(packet.pos, data)
+                    yield from self._metadata(told, arrival_s)
                     continue
+                yield from self._metadata(beside.picture(packet.pos, pts_s(packet)), arrival_s)
                 if not is_awake and not packet.is_keyframe:
                     late = arrival_s - began_s > self._limits.no_key_frame_s
                     if late and not said_no_key:
@@ -154,9 +166,12 @@ class LinkSource:
                 is_awake = True
                 if self._box is not None:
                     self._box.packet(packet)
+                if packet.is_corrupt:
+                    self._trouble.failed()
                 try:
                     decoded_frames = packet.decode()
                 except FFmpegError:
+                    self._trouble.failed()
                     damaged += 1
                     continue
                 if damaged and decoded_frames:
@@ -172,6 +187,10 @@ class LinkSource:
         finally:
             connection.close()
 
+    def _metadata(self, told: list[Timed[bytes]], arrival_s: float) -> Iterator[StreamEvent]:
+        for data, stamp_s in told:
+            yield from self._delivery.metadata(data, arrival_s, self._timeline.at(stamp_s))
+
     def _back(self, silent_since_s: float | None, arrival_s: float) -> Iterator[StreamEvent]:
         if silent_since_s is not None:
             away_s = arrival_s - silent_since_s
@@ -180,6 +199,7 @@ class LinkSource:
     def _frame(self, decoded: Any, arrival_s: float) -> Iterator[StreamEvent]:
         if self._started_utc_s is None:
             self._started_utc_s = self._clock.utc_s()
+        is_suspect = self._trouble.of(decoded)
         moment = self._timeline.place(pts_s(decoded), arrival_s)
         if self._paced_from_s is not None:
             self._nap(self._paced_from_s + moment.stream_time_s - self._clock.now_s())
@@ -196,6 +216,7 @@ class LinkSource:
             time_utc_s=self._started_utc_s + moment.stream_time_s,
             frame_number=None if place is None else place.frame_number,
             source=None if place is None else str(place.path),
+            is_suspect=is_suspect,
         )  # fmt: skip
 
     def _packets(self, connection: Connection) -> Iterator[Any]:
@@ -235,3 +256,9 @@ class LinkSource:
         until_s = self._clock.now_s() + seconds
         while not self._closed.is_set() and (left_s := until_s - self._clock.now_s()) > 0.0:
             self._clock.sleep(min(left_s, _LONGEST_NAP_S))
+
+
+def _stands_alone(video: Any) -> bool:
+    """Whether every picture of a stream can be decoded by itself (a grabber's raw frames, MJPEG)."""
+    codec = video.codec_context.codec
+    return codec.name == "wrapped_avframe" or bool(codec.intra_only)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from photomap_gis.core.errors import DataError, UsageError
-from photomap_gis.core.live import FrameSource, LiveClock, LiveFrame, StreamEvent
+from photomap_gis.core.live import FrameSource, LiveClock, LiveFrame, StreamEvent, StreamRenamed
 from photomap_gis.ingest.box_files import is_recording
 from photomap_gis.ingest.options import IngestOptions
 from photomap_gis.ingest.stream.addresses import Address, address_of, is_address, playlist_address, sdp_address
@@ -21,6 +21,8 @@ from photomap_gis.ingest.stream.rtmp_door import RtmpDoor
 from photomap_gis.ingest.stream.srt_relay import SrtRelay
 
 _OPTIONS = IngestOptions()
+STREAM_SUFFIXES = (".sdp", ".m3u8")
+"""Files that only say where a stream is."""
 
 
 def open_stream(
@@ -57,7 +59,7 @@ def open_stream(
     if not path.is_file():
         raise DataError(f"{source}: no such file, folder or address; check the name")
     suffix = path.suffix.lower()
-    if suffix in (".sdp", ".m3u8"):
+    if suffix in STREAM_SUFFIXES:
         address = sdp_address(path) if suffix == ".sdp" else playlist_address(path)
         return _linked(address, options, clock, recording, limits, realtime=realtime)
     return _noted(FileSource(path, options, clock, realtime=realtime), path, clock, recording)
@@ -150,6 +152,8 @@ class _Noted(_Boxed):
                             width_px=event.ref.width_px, height_px=event.ref.height_px,
                             stream_time_s=event.stream_time_s, arrival_s=event.arrival_s,
                         )  # fmt: skip
+                elif isinstance(event, StreamRenamed):
+                    self._box.line(kind="renamed", path=event.path, to=event.to)
                 yield event
         finally:
             self._box.close()

@@ -44,6 +44,16 @@ class Timeline:
         """A new connection: its time stamps have nothing to do with those before."""
         self._is_fresh = True
 
+    def at(self, pts_s: float | None) -> float:
+        """Return the stream time of something else that bears a time stamp: metadata between two frames.
+
+        Its decoder holds frames back, so metadata is not of the last frame that came out but of one to come.
+        """
+        if self._stream_s is None or self._is_fresh or pts_s is None or self._pts_s is None:
+            return self.stream_time_s
+        ahead_s = pts_s - self._pts_s
+        return max(0.0, self._stream_s + ahead_s) if abs(ahead_s) <= _MAX_STEP_S else self._stream_s
+
     def place(self, pts_s: float | None, arrival_s: float) -> Moment:
         """Return the stream time of the next frame."""
         if self._stream_s is None:

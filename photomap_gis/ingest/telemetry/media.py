@@ -11,6 +11,7 @@ from av.stream import Discard
 
 from photomap_gis.core.errors import DataError
 from photomap_gis.ingest.options import SrtOrder
+from photomap_gis.ingest.telemetry.beside import BesidePictures
 from photomap_gis.ingest.telemetry.demux import packets
 from photomap_gis.ingest.telemetry.gpmf import track_of_gpmf
 from photomap_gis.ingest.telemetry.klv import UAS_KEY, KlvPacket, packets_of, track_of_packets
@@ -40,17 +41,23 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
             wanted = [s for s in container.streams if s.type in ("data", "subtitle")]
             if not wanted:
                 return None
+            # Asynchronous metadata of a transport stream has no time stamp: it is of the picture that it came with.
+            timed_by_picture = video is not None and container.format.name == "mpegts"
             for stream in container.streams:
-                if stream not in wanted:
+                if stream not in wanted and not (timed_by_picture and stream is video):
                     stream.discard = Discard.all  # an MP4 of gigabytes is leapt through for its few lines of text
             start_s = _start_s(video)
             pending = bytearray()
-            for count, packet in enumerate(packets(container, wanted)):
+            beside: BesidePictures[list[KlvPacket | None]] = BesidePictures()
+            for count, packet in enumerate(packets(container, [*wanted, video] if timed_by_picture else wanted)):
                 if count > _MAX_PACKETS:
                     break
                 if packet.size == 0:
                     continue
                 second = None if packet.pts is None else float(packet.pts * packet.time_base) - start_s
+                if packet.stream is video:
+                    klv += [(t.second, p) for t in beside.picture(packet.pos, second) for p in t.what]
+                    continue
                 data = bytes(packet)
                 if packet.stream.type == "subtitle":
                     if len(data) <= _MAX_SUBTITLE_BYTES:
@@ -64,8 +71,12 @@ def find_embedded(path: Path, *, order: SrtOrder = SrtOrder.AUTO) -> Track | Non
                     found = list(packets_of(bytes(pending)))
                     if found and found[-1] is None and len(pending) < 1 << 18:
                         continue
-                    klv += [(second, p) for p in found]
+                    if second is None and timed_by_picture:
+                        klv += [(t.second, p) for t in beside.untimed(packet.pos, found) for p in t.what]
+                    else:
+                        klv += [(second, p) for p in found]
                     pending.clear()
+            klv += [(t.second, p) for t in beside.rest() for p in t.what]
     except FFmpegError:
         if not klv and not subtitles and not gopro:
             return None

@@ -75,7 +75,8 @@ export class Live {
     const ending = d => { this.state.end = d; this.state.phase = d.event; this.tell(); };
     on("finalising", ending);
     on("ended", ending);
-    on("mission", () => location.reload());
+    // Only where a server is still there: the page of one that has ended could not be loaded again.
+    on("mission", async () => { if (await this.page.getOrNull(`missions/${this.page.mission.id}`)) location.reload(); });
     events.onerror = () => {
       this.lost = true;
       this.tell();
@@ -238,10 +239,11 @@ export class Live {
     const still = this.posed ? (performance.now() - this.posed) / 1000 : 0;
     const unit = this.page.georeferenced ? "m" : "px";
     let [level, head, words] = ["ok", "LIVE", ""];
-    if (this.lost || silent > SILENT_S)
+    if (phase === "ended")  // the server of a flight that was not to stay ends with it: nothing is lost then
+      [level, head, words] = ["ok", "LANDED", this.lost ? `the map is finished; 'photomap serve ${this.page.mission.name}' shows it` : end?.words ?? ""];
+    else if (this.lost || silent > SILENT_S)
       [level, head, words] = ["bad", "SERVER LOST", `trying again; nothing heard for ${Math.round(silent)} s`];
     else if (phase === "finalising") [level, head, words] = ["wait", "FINISHING", `${Math.round(100 * (end?.progress ?? 0))} %: ${end?.words ?? ""}`];
-    else if (phase === "ended") [level, head, words] = ["wait", "ENDED", end?.words ?? ""];
     else if (phase === "starting") [level, head, words] = ["wait", "STARTING", "no picture yet"];
     else if (health?.link === "lost") [level, head, words] = ["bad", "VIDEO LOST", health.words[0] ?? "no pictures come"];
     else if (health?.link === "waiting" || (pose && !pose.centre)) [level, head, words] = ["wait", "MAP WAITS", health?.words[0] ?? "the ground is not recognised"];

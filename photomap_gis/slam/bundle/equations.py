@@ -1,7 +1,7 @@
 """The normal equations of the full solution, the spots' levels taken out of them.
 
-A spot hangs on one number, so taking it out is a division; what is left is a dense system of the views and lenses, six
-numbers a view. It is put together pair by pair and then anchor by anchor, which is how the ties lie.
+A spot hangs on one number, so taking it out is a division; what is left are blocks of the views that met over it, and
+what views have to do with lenses and surface.
 """
 
 from __future__ import annotations
@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import linalg
 
 from photomap_gis.core.similarity import FloatArray
-from photomap_gis.slam.bundle.marks import MarkTerms, add_marks
+from photomap_gis.slam.bundle.layout import Layout
+from photomap_gis.slam.bundle.marks import MarkTerms
 from photomap_gis.slam.bundle.model import Linearised, along_spots
+from photomap_gis.slam.bundle.normal import Normal
 from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, IntArray, log_rotation
+from photomap_gis.slam.bundle.sums import add_ties, take_spots_out
 
 HELD_SIGMA = 1e-4
 """How firmly a held view's centre stays, as a share of its height, and its heading, in radians."""
@@ -48,26 +50,28 @@ class SpotPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduced:
-    """``H step = -g`` of views, lenses and the surface's bends, and how the spots follow: ``dz = -(g_z + V step) / A``.
+    """The equations of views, lenses and the surface's bends, and how the spots follow: ``dz = -(slope + V step) / A``.
 
-    ``V`` is kept anchor by anchor: for each, its spots, its columns, and the ``(spots, columns)`` block.
+    ``V`` is kept tie by tie: ``with_z`` ``(M, 16)`` by both views and both lenses, and ``held`` ``(P, 2 L + K)``.
     """
 
-    H: FloatArray
-    g: FloatArray
+    normal: Normal
     spot_information: FloatArray
     spot_gradient: FloatArray
-    blocks: tuple[tuple[IntArray, IntArray, FloatArray], ...]
+    with_z: FloatArray
+    held: FloatArray
 
-    def spots_for(self, step: FloatArray) -> FloatArray:
-        """Return the spots' step ``(P,)`` that goes with one of views and lenses."""
-        pull = self.spot_gradient.copy()
-        for spots, columns, V in self.blocks:
-            pull[spots] += V @ step[columns]
-        return -pull / self.spot_information
+    def spots_for(self, problem: BundleProblem, step: FloatArray) -> FloatArray:
+        """Return the spots' step ``(P,)`` that goes with one of views, lenses and bends."""
+        t, n, lens_of = problem.ties, len(problem.views), problem.lens_of
+        views, lenses = step[: 6 * n].reshape(n, 6), step[6 * n : 6 * n + 2 * len(problem.lenses)].reshape(-1, 2)
+        moved = np.concatenate([views[t.a], views[t.b], lenses[lens_of[t.a]], lenses[lens_of[t.b]]], axis=1)
+        pull = np.bincount(t.spot, np.einsum("mi,mi->m", self.with_z, moved), t.spots)
+        return -(self.spot_gradient + pull + self.held @ step[6 * n :]) / self.spot_information
 
 
 def reduced_equations(
+    layout: Layout,
     problem: BundleProblem,
     state: BundleState,
     found: Linearised,
@@ -78,91 +82,50 @@ def reduced_equations(
 ) -> Reduced:
     """Return the equations at a state; ``information`` ``(M, 2, 2)`` of the ties, 0 for those put aside.
 
-    ``free_lens`` ``(L, 2)`` says which lens numbers may change. ``marked`` are the terms of the known points.
+    ``layout`` is that of the problem. ``free_lens`` ``(L, 2)`` says which lens numbers may change. ``marked`` are the
+    terms of the known points.
     """
-    t, n, lenses = problem.ties, len(problem.views), len(problem.lenses)
-    bends = prior.bends.shape[1]
-    size = 6 * n + 2 * lenses + bends
-    H, g = np.zeros((size, size)), np.zeros(size)
-    lens_of = problem.lens_of
+    t, lens_of = problem.ties, problem.lens_of
     W = np.where(found.valid[:, None, None], information, 0.0)
     J = np.concatenate([found.by_a, found.by_b, found.by_lens_a, found.by_lens_b], axis=2)
-    WJ = W @ J
-    residual = found.residual
-    for begin, end in runs_of(t.a, t.b):
-        left, right = int(t.a[begin]), int(t.b[begin])
-        column = np.concatenate(
-            [
-                6 * left + np.arange(6),
-                6 * right + np.arange(6),
-                6 * n + 2 * int(lens_of[left]) + np.arange(2),
-                6 * n + 2 * int(lens_of[right]) + np.arange(2),
-            ]
-        )
-        weighted = WJ[begin:end].reshape(-1, 16)
-        block, pull = J[begin:end].reshape(-1, 16).T @ weighted, residual[begin:end].ravel() @ weighted
-        if lens_of[left] == lens_of[right]:  # two parts of one lens meet in the same place
-            block, pull, column = _LENS_ONCE.T @ block @ _LENS_ONCE, pull @ _LENS_ONCE, column[:14]
-        H[column[:, None], column] += block
-        g[column] += pull
-    by_z = found.by_z
-    Wz = np.einsum("mij,mj->mi", W, by_z)
     off, unit = prior.off(state)
-    held = prior.information * unit
-    A = held * unit + np.bincount(t.spot, np.sum(Wz * by_z, axis=1), t.spots)
-    gz = held * off + np.bincount(t.spot, np.sum(Wz * found.residual, axis=1), t.spots)
+    known = prior.information * unit
     by_focal = -state.z * unit
-    JWz = np.einsum("mij,mi->mj", J, Wz)
-    blocks = []
-    for begin, end in runs_of(t.b):
-        spots, row = np.unique(t.spot[begin:end], return_inverse=True)
-        a = t.a[begin:end]
-        frames, at = np.unique(a, return_inverse=True)
-        own = 6 * len(frames)
-        V = np.zeros((len(spots), own + 6 + 2 * lenses + bends))
-        V[:, own + 6 + 2 * lenses :] = -held[spots, None] * prior.bends[spots]
-        part = JWz[begin:end]
-        np.add.at(V, (row[:, None], 6 * at[:, None] + np.arange(6)), part[:, :6])
-        np.add.at(V, (row[:, None], own + np.arange(6)[None]), part[:, 6:12])
-        np.add.at(V, (row[:, None], own + 6 + 2 * lens_of[a][:, None] + np.arange(2)), part[:, 12:14])
-        b = int(t.b[begin])
-        np.add.at(V, (row[:, None], own + 6 + 2 * lens_of[b] + np.arange(2)[None]), part[:, 14:16])
-        V[:, own + 6 + 2 * lens_of[b]] += held[spots] * by_focal[spots]
-        column = np.concatenate(
-            [
-                (6 * frames[:, None] + np.arange(6)).ravel(),
-                6 * b + np.arange(6),
-                6 * n + np.arange(2 * lenses + bends),
-            ]
-        )
-        weighted = V / A[spots][:, None]
-        H[np.ix_(column, column)] -= V.T @ weighted
-        g[column] -= weighted.T @ gz[spots]
-        blocks.append((spots, column, V))
+    held = np.zeros((t.spots, layout.border.seen))
+    held[np.arange(t.spots), 2 * prior.lens] = known * by_focal
+    held[:, 2 * len(problem.lenses) :] = -known[:, None] * prior.bends
+    normal = Normal.nothing(layout, problem.fix_of, problem.fix_noise)
+    curvature, slope, with_z = np.zeros(len(t)), np.zeros(len(t)), np.zeros((len(t), J.shape[2]))
+    lens_a, lens_b = lens_of[t.a], lens_of[t.b]
+    into = normal.blocks, normal.g, normal.cross, normal.border, normal.g_border
+    add_ties(t.a, t.b, lens_a, lens_b, layout.own_slot, found.residual, J, W, found.by_z, *into,
+             curvature, slope, with_z)  # fmt: skip
+    A = known * unit + np.bincount(t.spot, curvature, t.spots)
+    gz = known * off + np.bincount(t.spot, slope, t.spots)
+    take_spots_out(layout.tie_order, layout.spot_start, t.a, t.b, lens_a, lens_b, layout.own_slot, layout.met_slot,
+                   A, gz, with_z, held, *into)  # fmt: skip
     if marked is not None:
-        add_marks(H, g, problem.marks, marked, lens_of, n)
-    _add_surface(H, g, prior, off, by_focal, first_lens=6 * n)
-    _add_priors(H, g, problem, state, free_lens)
-    return Reduced(H, g, A, gz, tuple(blocks))
+        normal.add_marks(problem.marks.view, lens_of[problem.marks.view], marked)
+    _add_surface(normal, prior, off, by_focal)
+    _add_priors(normal, problem, state)
+    fixed = np.flatnonzero(~np.asarray(free_lens, bool).ravel())
+    return Reduced(normal.without(fixed), A, gz, with_z, held)
 
 
-def _add_surface(
-    H: FloatArray, g: FloatArray, prior: SpotPrior, off: FloatArray, by_focal: FloatArray, *, first_lens: int
-) -> None:
+def _add_surface(normal: Normal, prior: SpotPrior, off: FloatArray, by_focal: FloatArray) -> None:
     """Add what the surface says of the lenses, which tell the unit of heights, and of its own bends."""
-    bends = prior.bends.shape[1]
-    surface = slice(len(g) - bends, len(g))
+    H, g, lenses = normal.border, normal.g_border, len(prior.log_focal)
+    surface = slice(2 * lenses, 2 * lenses + prior.bends.shape[1])
     pull = prior.information * off
-    for k in range(len(prior.log_focal)):
-        row, of = first_lens + 2 * k, prior.lens == k
+    for k in range(lenses):
+        row, of = 2 * k, prior.lens == k
         H[row, row] += by_focal[of] ** 2 @ prior.information[of]
         g[row] += by_focal[of] @ pull[of]
         across = -(by_focal[of] * prior.information[of]) @ prior.bends[of]
         H[row, surface] += across
         H[surface, row] += across
-    if bends:
-        H[surface, surface] += (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
-        g[surface] -= prior.bends.T @ pull
+    H[surface, surface] += (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
+    g[surface] -= prior.bends.T @ pull
 
 
 def spots_settled(problem: BundleProblem, state: BundleState, information: FloatArray, prior: SpotPrior) -> BundleState:
@@ -194,67 +157,57 @@ def prior_cost(problem: BundleProblem, state: BundleState, prior: SpotPrior) -> 
         pull = prior.bends.T @ (prior.information * off)
         stiff = (prior.bends.T * prior.information) @ prior.bends + np.diag(prior.bend_sigma**-2.0)
         total -= float(pull @ np.linalg.solve(stiff, pull))
-    total += sum(float(p @ r @ p) for p, r in _turn_terms(problem, state))
-    height = np.array([v.height for v in problem.views])
-    sigma = np.array([v.height_sigma for v in problem.views])
+    turn, known = _turn_terms(problem, state)
+    total += float(np.sum(known * turn**2))
+    height, sigma = _heights(problem)
     told = np.isfinite(sigma)
     total += float(np.sum(((-state.centre[told, 2] - height[told]) / sigma[told]) ** 2))
     miss = state.centre[problem.fix_of, :2] - problem.fix_xy
-    total += float(np.einsum("ik,ij,jk->", miss, problem.fix_information, miss)) if len(miss) else 0.0
+    total += float(np.sum(miss * (problem.fix_noise.information @ miss)))
     for k, lens in enumerate(problem.lenses):
         total += float(((state.log_focal[k] - np.log(lens.focal_px)) / lens.focal_sigma_log) ** 2)
         total += float(((state.k1[k] - lens.camera.k1) / lens.k1_sigma) ** 2)
     return total
 
 
-def _add_priors(
-    H: FloatArray, g: FloatArray, problem: BundleProblem, state: BundleState, free_lens: np.ndarray
-) -> None:
+def _add_priors(normal: Normal, problem: BundleProblem, state: BundleState) -> None:
     n = len(problem.views)
-    for k, (turn, known) in enumerate(_turn_terms(problem, state)):
-        turns = slice(6 * k + 3, 6 * k + 6)
-        H[turns, turns] += known
-        g[turns] += known @ turn
-    for k, view in enumerate(problem.views):
-        if np.isfinite(view.height_sigma):
-            H[6 * k + 2, 6 * k + 2] += view.height_sigma**-2
-            g[6 * k + 2] += (state.centre[k, 2] + view.height) * view.height_sigma**-2
-    if len(problem.fix_of):
-        off = state.centre[problem.fix_of, :2] - problem.fix_xy
-        for axis in (0, 1):
-            fixed = 6 * problem.fix_of + axis
-            H[np.ix_(fixed, fixed)] += problem.fix_information
-            g[fixed] += problem.fix_information @ off[:, axis]
+    own, g = normal.blocks[:n], normal.g
+    turn, known = _turn_terms(problem, state)
+    for axis in range(3):
+        own[:, 3 + axis, 3 + axis] += known[:, axis]
+    g[:, 3:] += known * turn
+    height, sigma = _heights(problem)
+    told = np.isfinite(sigma)
+    own[told, 2, 2] += sigma[told] ** -2.0
+    g[told, 2] += (state.centre[told, 2] + height[told]) * sigma[told] ** -2.0
+    normal.add_fixes(problem.fix_noise, state.centre[problem.fix_of, :2] - problem.fix_xy)
     for k in problem.held.tolist():
         start = problem.views[k]
         firm = (HELD_SIGMA * max(abs(float(start.centre[2])), 1e-6)) ** -2
         for axis in range(3):
-            H[6 * k + axis, 6 * k + axis] += firm
-            g[6 * k + axis] += firm * (state.centre[k, axis] - start.centre[axis])
-        turn = log_rotation((state.R[k] @ start.R_map_camera.T)[None])[0, 2]
-        H[6 * k + 5, 6 * k + 5] += HELD_SIGMA**-2
-        g[6 * k + 5] += HELD_SIGMA**-2 * turn
+            own[k, axis, axis] += firm
+            g[k, axis] += firm * (state.centre[k, axis] - start.centre[axis])
+        heading = log_rotation((state.R[k] @ start.R_map_camera.T)[None])[0, 2]
+        own[k, 5, 5] += HELD_SIGMA**-2
+        g[k, 5] += HELD_SIGMA**-2 * heading
     for k, lens in enumerate(problem.lenses):
         misses = (state.log_focal[k] - np.log(lens.focal_px), state.k1[k] - lens.camera.k1)
-        for part, (sigma, miss) in enumerate(zip((lens.focal_sigma_log, lens.k1_sigma), misses, strict=True)):
-            row = 6 * n + 2 * k + part
-            if free_lens[k, part]:
-                H[row, row] += sigma**-2
-                g[row] += miss * sigma**-2
-            else:
-                H[row, :], H[:, row], g[row] = 0.0, 0.0, 0.0
-                H[row, row] = 1.0
+        for part, (sigma_of, miss) in enumerate(zip((lens.focal_sigma_log, lens.k1_sigma), misses, strict=True)):
+            normal.border[2 * k + part, 2 * k + part] += sigma_of**-2
+            normal.g_border[2 * k + part] += miss * sigma_of**-2
 
 
-def _turn_terms(problem: BundleProblem, state: BundleState) -> list[tuple[FloatArray, FloatArray]]:
-    """Return each view's turn from what was reported ``(3,)`` and that report's information ``(3, 3)``."""
+def _heights(problem: BundleProblem) -> tuple[FloatArray, FloatArray]:
+    """Return the reported heights ``(N,)`` and their sigmas, ``nan`` where none was."""
+    return np.array([v.height for v in problem.views]), np.array([v.height_sigma for v in problem.views])
+
+
+def _turn_terms(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
+    """Return each view's turn from what was reported ``(N, 3)`` and that report's information along each axis."""
     turn = log_rotation(state.R @ np.array([v.R_prior for v in problem.views]).transpose(0, 2, 1))
     sigma = np.array([(v.tilt_sigma_rad, v.tilt_sigma_rad, v.heading_sigma_rad) for v in problem.views])
-    return [(w, np.diag(s**-2.0)) for w, s in zip(turn, sigma, strict=True)]
-
-
-_LENS_ONCE = np.vstack([np.eye(14), np.eye(14)[12:]])
-"""``(16, 14)``: takes two parts of one lens together."""
+    return turn, sigma**-2.0
 
 
 def runs_of(*keys: IntArray) -> list[tuple[int, int]]:
@@ -262,38 +215,3 @@ def runs_of(*keys: IntArray) -> list[tuple[int, int]]:
     changes = np.flatnonzero(np.any([np.diff(k) != 0 for k in keys], axis=0)) + 1
     bounds = [0, *changes.tolist(), len(keys[0])]
     return [(i, j) for i, j in pairwise(bounds) if j > i]
-
-
-def solve_spd(H: FloatArray, g: FloatArray) -> FloatArray:
-    """Return ``-H^-1 g`` for ``g`` ``(n,)`` or ``(n, k)``.
-
-    Raises ``numpy.linalg.LinAlgError`` where H is not positive definite.
-    """
-    factor, scale = _factor(H)
-    scale = scale if g.ndim == 1 else scale[:, None]
-    return np.asarray(-scale * linalg.cho_solve((factor, True), scale * g, check_finite=False), np.float64)
-
-
-def blocks_of_inverse(H: FloatArray, blocks: int) -> FloatArray:
-    """Return the first ``blocks`` 6 x 6 blocks on the diagonal of the inverse, ``(blocks, 6, 6)``.
-
-    Raises ``numpy.linalg.LinAlgError`` where H is not positive definite.
-    """
-    factor, scale = _factor(H)
-    roots, failed = linalg.lapack.dtrtri(factor, lower=1, overwrite_c=1)
-    if failed:
-        raise np.linalg.LinAlgError("the matrix is not positive definite")
-    out = np.empty((blocks, 6, 6))
-    for k in range(blocks):
-        own = slice(6 * k, 6 * k + 6)
-        below = np.vstack([np.tril(roots[own, own]), roots[6 * k + 6 :, own]])
-        out[k] = (below.T @ below) * scale[own, None] * scale[None, own]
-    return out
-
-
-def _factor(H: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the lower Cholesky factor of H scaled to a unit diagonal, and the scale."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    scaled = np.multiply(H, scale[:, None], order="F")
-    scaled *= scale
-    return linalg.cho_factor(scaled, lower=True, overwrite_a=True, check_finite=False)[0], scale

@@ -16,18 +16,29 @@ from photomap_gis.slam.bundle.problem import BundleState, IntArray, Marks, cross
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkTerms:
     """``residual`` ``(K, 2)`` map units (seen minus known), its derivatives by the view's step ``(K, 2, 6)`` and by its
-    lens's ``(K, 2, 2)``, and the ``(2 K, 2 K)`` information of all of them together."""
+    lens's ``(K, 2, 2)``, the information ``own`` ``(K, 2, 2)`` of what each has for itself, and of the places that some
+    share: ``place`` ``(G, 2, 2)``."""
 
     residual: FloatArray
     by_view: FloatArray
     by_lens: FloatArray
-    information: FloatArray
+    own: FloatArray
+    group: IntArray
+    place: FloatArray
+
+    def weigh(self, values: FloatArray) -> FloatArray:
+        """Return the information of all marks together times ``(K, 2, C)`` values."""
+        out = self.own @ values
+        for g, place in enumerate(self.place):
+            of = self.group == g
+            known = place + self.own[of].sum(axis=0)
+            out[of] -= self.own[of] @ np.linalg.solve(known, out[of].sum(axis=0))
+        return np.asarray(out, np.float64)
 
     @property
     def cost(self) -> float:
         """Weighted sum of squares."""
-        r = self.residual.ravel()
-        return float(r @ self.information @ r)
+        return float(np.sum(self.residual * self.weigh(self.residual[:, :, None])[:, :, 0]))
 
 
 def mark_terms(
@@ -57,20 +68,6 @@ def mark_terms(
     by_n = by_ray @ R[:, :, :2] @ by_m
     by_lens = np.stack([np.einsum("kij,kj->ki", by_n, by_f), -np.einsum("kij,kj->ki", by_n, k1)], axis=2)
     lean = ray[:, :2] / down[:, None] * ground.sigma
-    covariance = marks.covariance.copy()
-    for k, v in enumerate(lean):
-        covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += np.outer(v, v)
-    information = np.asarray(np.linalg.inv(covariance), np.float64)
-    return MarkTerms(seen[:, :2] - marks.xy_map, by_view, by_lens, information)
-
-
-def add_marks(H: FloatArray, g: FloatArray, marks: Marks, terms: MarkTerms, lens_of: IntArray, n_views: int) -> None:
-    """Add the marks to normal equations of views and lenses."""
-    J = np.zeros((2 * len(marks), len(g)))
-    for k, view in enumerate(marks.view.tolist()):
-        rows, lens = slice(2 * k, 2 * k + 2), 6 * n_views + 2 * int(lens_of[view])
-        J[rows, 6 * view : 6 * view + 6] = terms.by_view[k]
-        J[rows, lens : lens + 2] = terms.by_lens[k]
-    weighted = terms.information @ J
-    H += J.T @ weighted
-    g += weighted.T @ terms.residual.ravel()
+    own = np.asarray(np.linalg.inv(marks.covariance + lean[:, :, None] * lean[:, None, :]), np.float64)
+    place = np.asarray(np.linalg.inv(marks.place), np.float64)
+    return MarkTerms(seen[:, :2] - marks.xy_map, by_view, by_lens, own, marks.group, place)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.ground import HeightField
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.slam.bundle.fixes import FixNoise
 
 IntArray = npt.NDArray[np.intp]
 
@@ -90,17 +91,24 @@ class TieSet:
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
     """K known points of the ground: the ``view`` ``(K,)`` that shows each at ``xy_px`` ``(K, 2)``, where it lies on the
-    map ``xy_map`` ``(K, 2)``, and the ``(2 K, 2 K)`` covariance of all of them: they may share an error."""
+    map ``xy_map`` ``(K, 2)``, and the ``covariance`` ``(K, 2, 2)`` of what each has for itself.
+
+    Some share an error of their place besides, sightings of one point: ``group`` ``(K,)`` says which of the ``place``
+    ``(G, 2, 2)`` covariances, -1 none.
+    """
 
     view: IntArray
     xy_px: FloatArray
     xy_map: FloatArray
     covariance: FloatArray
+    group: IntArray
+    place: FloatArray
 
     @classmethod
     def none(cls) -> Marks:
         """Return no marks."""
-        return cls(np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 0)))
+        nobody, nothing = np.zeros(0, np.intp), np.zeros((0, 2))
+        return cls(nobody, nothing, nothing, np.zeros((0, 2, 2)), nobody, np.zeros((0, 2, 2)))
 
     def __len__(self) -> int:
         return len(self.view)
@@ -109,7 +117,7 @@ class Marks:
 @dataclass(frozen=True, slots=True, eq=False)
 class BundleProblem:
     """Views, lenses, ties, and fixes: ``fix_of`` ``(F,)`` views that have one, ``fix_xy`` ``(F, 2)`` where they say the
-    camera was, and ``fix_information`` ``(F, F)`` of their errors along either axis: neighbours in time share theirs.
+    camera was, and ``fix_noise`` how wrong they are: neighbours in time share their error.
 
     ``terrain`` is the ground's shape where it is known beforehand; its level is not used.
     ``held`` ``(G,)`` are views that are held where they start: one for each piece that no fix ties to the Earth.
@@ -120,7 +128,7 @@ class BundleProblem:
     ties: TieSet
     fix_of: IntArray
     fix_xy: FloatArray
-    fix_information: FloatArray
+    fix_noise: FixNoise
     held: IntArray
     marks: Marks = field(default_factory=Marks.none)
     terrain: HeightField | None = None

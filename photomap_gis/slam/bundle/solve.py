@@ -10,19 +10,20 @@ from threadpoolctl import threadpool_limits
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.ground import HeightField
 from photomap_gis.core.similarity import FloatArray
+from photomap_gis.slam.bundle.certainty import Surface, certainty
 from photomap_gis.slam.bundle.equations import (
     Reduced,
     SpotPrior,
-    blocks_of_inverse,
     prior_cost,
     reduced_equations,
     runs_of,
-    solve_spd,
     spots_settled,
 )
 from photomap_gis.slam.bundle.ground import fit_ground
+from photomap_gis.slam.bundle.layout import Layout
 from photomap_gis.slam.bundle.marks import MarkTerms, mark_terms
 from photomap_gis.slam.bundle.model import Linearised, cameras_of, linearise, residuals, sight
+from photomap_gis.slam.bundle.normal import Normal
 from photomap_gis.slam.bundle.problem import BundleProblem, BundleState, exp_rotation, log_rotation
 
 FIRST_RELIEF = 0.03
@@ -50,7 +51,7 @@ HELD_ROUNDS = 3
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
-INDEPENDENT = 8.0
+INDEPENDENT = 20.0
 """Ties of one pair that count as independent."""
 MOUNT_SPREAD = 3.0
 """A mount may lean by so many times what a frame leans besides."""
@@ -58,7 +59,7 @@ LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 """How far the ground's surface may bow, as a share of its reach, before and after the lens is known."""
 KNOWN_SHAPE = 5e-4
 """How far a ground of known heights may slope or bow besides."""
-LARGE = 1500
+LARGE = 500
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
 
@@ -78,17 +79,22 @@ class Bundle:
     """The full solution: ``centre`` ``(N, 3)`` (z down), ``R_map_camera`` ``(N, 3, 3)``, ``(N, 6, 6)`` covariances.
 
     ``ground`` is the surface; ``rms_before_px`` and ``rms_px`` are robust means of what ties were off under the start
-    and are now, in raster pixels. ``kept`` is the share of ties that count.
+    and are now, in raster pixels. ``kept`` is the share of ties that count. ``over_ground`` ``(N, 6, 6)`` is what the
+    map's pixels have of the covariance: where cameras and the ground under them err together no pixel moves. ``joint``
+    and ``joint_over_ground`` ``(6 N, 6 N)`` are those of all cameras together, where they were asked for.
     """
 
     centre: FloatArray
     R_map_camera: FloatArray
     covariance: FloatArray
+    over_ground: FloatArray
     lenses: tuple[LensFound, ...]
     ground: HeightField
     rms_before_px: float
     rms_px: float
     kept: float
+    joint: FloatArray | None = None
+    joint_over_ground: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,20 +106,22 @@ class _At:
     weight: FloatArray
 
 
-def bundle_adjust(problem: BundleProblem) -> Bundle:
+def bundle_adjust(problem: BundleProblem, *, joint: bool = False) -> Bundle:
     """Return the full solution of a problem whose views are near the truth already.
 
-    Raises ``numpy.linalg.LinAlgError`` where the problem has no single answer.
+    ``joint`` asks for the covariance of all cameras together too. Raises ``numpy.linalg.LinAlgError`` where the problem
+    has no single answer, or is too large to look for it.
     """
     # threads of BLAS spin while they wait for each other: on small systems that is most of the time
-    with threadpool_limits(1 if 6 * len(problem.views) < LARGE else None, user_api="blas"):
-        return _adjusted(problem)
+    with threadpool_limits(1 if len(problem.views) < LARGE else None, user_api="blas"):
+        return _adjusted(problem, joint)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stage:
     """Where the solution is: the problem with its mounts, the state, the ground under it, and what was last solved."""
 
+    layout: Layout
     problem: BundleProblem
     state: BundleState
     ground: HeightField
@@ -121,7 +129,7 @@ class _Stage:
     prior: SpotPrior
 
 
-def _adjusted(asked: BundleProblem) -> Bundle:
+def _adjusted(asked: BundleProblem, joint: bool) -> Bundle:
     start = BundleState.start(asked)
     problem = _with_mounts(asked, start)
     height = float(np.median(-start.centre[:, 2]))
@@ -129,28 +137,38 @@ def _adjusted(asked: BundleProblem) -> Bundle:
     before = _rms(*residuals(problem, start))
     level = _spot_prior(problem, start, ground, bowl=LEVEL_BOWL)
     none = np.zeros((len(problem.lenses), 2), bool)
-    state, at, _ = _descend(problem, start, level, none, ground, FIRST_STEPS)
-    free = _observable(problem, state, at, level)
-    stage = _Stage(_with_mounts(asked, state), _levelled_off(problem, state), ground, at, level)
+    layout = Layout.of(problem, level.bends.shape[1])
+    state, at, _ = _descend(layout, problem, start, level, none, ground, FIRST_STEPS)
+    free = _observable(layout, problem, state, at, level)
+    stage = _Stage(layout, _with_mounts(asked, state), _levelled_off(problem, state), ground, at, level)
     stage = _rounds(asked, stage, free, ROUNDS, level=LEVEL_ROUNDS)
     taken = free & _told_apart(stage, free)
     if (taken != free).any():
         stage = _rounds(asked, replace(stage, state=_lenses_held(stage, taken)), taken, HELD_ROUNDS, level=0)
     problem = stage.problem
+    surface = Surface.over(_spots_xy(problem, stage.state))
     prior = _spot_prior(problem, stage.state, stage.ground, bowl=FREE_BOWL)
-    state, at, _ = _descend(problem, stage.state, prior, taken, stage.ground, LAST_STEPS)
+    state, at, _ = _descend(layout, problem, stage.state, prior, taken, stage.ground, LAST_STEPS)
     state, ground = _sized(problem, state, stage.ground)
     # what a lens may still be off is part of every sigma, whether its number was taken or not
-    H = _believed(problem, state, at, prior, free, ground)
+    believed = _believed(layout, problem, state, at, prior, free, ground)
+    cameras, left_px = cameras_of(problem, state), _rms(at.found.residual, at.found.valid)
+    gsd = float(np.median(-state.centre[:, 2] / np.exp(state.log_focal)[problem.lens_of]))
+    sure = certainty(
+        believed, state, cameras, problem.lens_of, ground, surface, free, misfit=left_px * gsd, joint=joint
+    )
     return Bundle(
         state.centre,
         state.R,
-        blocks_of_inverse(H, len(problem.views)),
-        tuple(_lens_found(problem, state, free, _lens_sigmas(problem, H))),
+        sure.poses,
+        sure.over_ground,
+        tuple(_lens_found(problem, state, free, sure.lens)),
         ground,
         before,
-        _rms(at.found.residual, at.found.valid),
+        left_px,
         float(np.mean(at.weight > 0.5)),
+        sure.joint,
+        sure.joint_over_ground,
     )
 
 
@@ -165,7 +183,7 @@ def _rounds(asked: BundleProblem, stage: _Stage, free: np.ndarray, count: int, *
     for round_ in range(1, count):
         came_from = state.centre
         prior = _spot_prior(problem, state, ground, bowl=LEVEL_BOWL if round_ <= level else FREE_BOWL)
-        state, at, equations = _descend(problem, state, prior, free, ground, STEPS)
+        state, at, equations = _descend(stage.layout, problem, state, prior, free, ground, STEPS)
         problem = _with_mounts(asked, state)
         state = _levelled_off(problem, state)
         if round_ < level:
@@ -176,7 +194,7 @@ def _rounds(asked: BundleProblem, stage: _Stage, free: np.ndarray, count: int, *
         moved = (state.centre - came_from)[:, :2]
         if np.abs(moved - np.median(moved, axis=0)).max() < SETTLED_ROUND * gsd:
             break
-    return _Stage(problem, state, ground, at, prior)
+    return _Stage(stage.layout, problem, state, ground, at, prior)
 
 
 def _told_apart(stage: _Stage, free: np.ndarray) -> np.ndarray:
@@ -186,8 +204,7 @@ def _told_apart(stage: _Stage, free: np.ndarray) -> np.ndarray:
     """
     problem, state = stage.problem, stage.state
     try:
-        H = _believed(problem, state, stage.at, stage.prior, free, stage.ground)
-        sigma = _lens_sigmas(problem, H)
+        sigma = _lens_sigmas(_believed(stage.layout, problem, state, stage.at, stage.prior, free, stage.ground))
     except np.linalg.LinAlgError:
         return np.zeros_like(free)
     focal = np.log([lens.focal_px for lens in problem.lenses])
@@ -209,11 +226,17 @@ def _lenses_held(stage: _Stage, taken: np.ndarray) -> BundleState:
 
 
 def _descend(
-    problem: BundleProblem, state: BundleState, prior: SpotPrior, free: np.ndarray, ground: HeightField, steps: int
+    layout: Layout,
+    problem: BundleProblem,
+    state: BundleState,
+    prior: SpotPrior,
+    free: np.ndarray,
+    ground: HeightField,
+    steps: int,
 ) -> tuple[BundleState, _At, Reduced]:
     def equations_at(state: BundleState, at: _At) -> Reduced:
         marked = _marked(problem, state, ground)
-        return reduced_equations(problem, state, at.found, at.information, prior, free, marked)
+        return reduced_equations(layout, problem, state, at.found, at.information, prior, free, marked)
 
     def cost_at(state: BundleState, at: _At) -> float:
         marked = _marked(problem, state, ground)
@@ -225,12 +248,11 @@ def _descend(
         value = cost_at(state, at)
         solved, best, least = False, state, value
         for damping in DAMPINGS:
-            H = equations.H if damping == 0.0 else equations.H + damping * np.diag(np.diag(equations.H))
             try:
-                step = solve_spd(H, equations.g)
+                step = equations.normal.step(damping)
             except np.linalg.LinAlgError:
                 continue
-            solved, spots = True, equations.spots_for(step)
+            solved, spots = True, equations.spots_for(problem, step)
             for length in LENGTHS:
                 moved = spots_settled(problem, state.moved(length * step, length * spots), at.information, prior)
                 if (cost := cost_at(moved, at)) < value:
@@ -282,12 +304,10 @@ def _spot_prior(problem: BundleProblem, state: BundleState, ground: HeightField,
     lens[problem.ties.spot] = problem.lens_of[problem.ties.b]
     if not len(xy):
         return SpotPrior(z, z, np.zeros((0, 0)), np.zeros(0), lens, state.log_focal)
-    reach = float(np.abs(xy - np.median(xy, axis=0)).mean()) + 1e-9
-    u, v = ((xy - np.median(xy, axis=0)) / reach).T
-    bends = np.stack([np.ones(len(u)), u, v, u * u - v * v, u * v, u * u + v * v - 2.0], axis=1)
+    surface = Surface.over(xy)
     slope, bowl = (SLOPE_SIGMA, bowl) if problem.terrain is None else (KNOWN_SHAPE, KNOWN_SHAPE)
-    sigma = reach * np.array([LEVEL_SIGMA, slope, slope, bowl, bowl, bowl])
-    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, bends, sigma, lens, state.log_focal)
+    sigma = surface.reach * np.array([LEVEL_SIGMA, slope, slope, bowl, bowl, bowl])
+    return SpotPrior(z, relief**-2.0 / (1.0 + off2 / RELIEF_TAIL) ** 2, surface.bends(xy), sigma, lens, state.log_focal)
 
 
 def _with_mounts(problem: BundleProblem, state: BundleState) -> BundleProblem:
@@ -317,20 +337,23 @@ def _sized(problem: BundleProblem, state: BundleState, ground: HeightField) -> t
     """
     marked = _marked(problem, state, ground)
     seen = np.zeros((0, 2)) if marked is None else problem.marks.xy_map + marked.residual
-    here = np.concatenate([state.centre[problem.fix_of, :2], seen])
-    there = np.concatenate([problem.fix_xy, problem.marks.xy_map])
-    if len(np.unique(there, axis=0)) < 2:
+    here, there = state.centre[problem.fix_of, :2], problem.fix_xy
+    known = np.concatenate([there, problem.marks.xy_map])
+    if len(np.unique(known, axis=0)) < 2:
         return state, ground
-    information = np.zeros((2 * len(here), 2 * len(here)))
-    n = 2 * len(problem.fix_of)
-    information[:n:2, :n:2] = information[1:n:2, 1:n:2] = problem.fix_information
+    middle = np.concatenate([here, seen]).mean(axis=0)
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for axis in (0, 1):
+        by = np.stack([np.full(len(here), axis == 0.0), np.full(len(here), axis == 1.0), here[:, axis] - middle[axis]])
+        weighed = by @ problem.fix_noise.information
+        A += weighed @ by.T
+        b += weighed @ (there - here)[:, axis]
     if marked is not None:
-        information[n:, n:] = marked.information
-    middle = here.mean(axis=0)
-    A = np.zeros((2 * len(here), 3))
-    A[::2, 0] = A[1::2, 1] = 1.0
-    A[:, 2] = (here - middle).ravel()
-    *shift, growth = np.linalg.solve(A.T @ information @ A, A.T @ information @ (there - here).ravel())
+        by_mark = np.concatenate([np.broadcast_to(np.eye(2), (len(seen), 2, 2)), (seen - middle)[:, :, None]], axis=2)
+        weighed = marked.weigh(by_mark)
+        A += np.einsum("kij,kil->jl", by_mark, weighed)
+        b -= np.einsum("kij,ki->j", weighed, marked.residual)
+    *shift, growth = np.linalg.solve(A, b)
     size = 1.0 + float(growth)
     centre = state.centre * size
     centre[:, :2] += middle * (1.0 - size) + shift
@@ -381,9 +404,15 @@ def _on_terrain(problem: BundleProblem, state: BundleState, spot_sigma: FloatArr
 
 
 def _believed(
-    problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior, free: np.ndarray, ground: HeightField
-) -> FloatArray:
-    """Return the normal matrix as far as it is to be believed.
+    layout: Layout,
+    problem: BundleProblem,
+    state: BundleState,
+    at: _At,
+    prior: SpotPrior,
+    free: np.ndarray,
+    ground: HeightField,
+) -> Normal:
+    """Return the normal equations as far as they are to be believed.
 
     The ties of a pair share what is wrong with it (a lens's higher terms, a rolling shutter, leaves in the wind): they
     are as good as a few that share nothing.
@@ -391,27 +420,24 @@ def _believed(
     pairs = len(runs_of(problem.ties.a, problem.ties.b))
     share = min(1.0, INDEPENDENT * pairs / max(len(problem.ties), 1))
     marked = _marked(problem, state, ground)
-    return reduced_equations(problem, state, at.found, share * at.information, prior, free, marked).H
+    return reduced_equations(layout, problem, state, at.found, share * at.information, prior, free, marked).normal
 
 
-def _observable(problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> np.ndarray:
+def _observable(layout: Layout, problem: BundleProblem, state: BundleState, at: _At, prior: SpotPrior) -> np.ndarray:
     """Return ``(L, 2)`` which lens numbers the flight tells better than was known."""
     free = np.ones((len(problem.lenses), 2), bool)
-    H = _believed(problem, state, at, prior, free, HeightField.level())
     try:
-        sigma = _lens_sigmas(problem, H)
+        sigma = _lens_sigmas(_believed(layout, problem, state, at, prior, free, HeightField.level()))
     except np.linalg.LinAlgError:
         return np.zeros_like(free)
     before = np.array([(lens.focal_sigma_log, lens.k1_sigma) for lens in problem.lenses])
     return np.asarray(sigma < OBSERVABLE * before)
 
 
-def _lens_sigmas(problem: BundleProblem, H: FloatArray) -> FloatArray:
-    """Return ``(L, 2)`` posterior sigmas of the lens numbers; ``numpy.linalg.LinAlgError`` as ``solve_spd``."""
-    first, count = 6 * len(problem.views), 2 * len(problem.lenses)
-    ones = np.zeros((len(H), count))
-    ones[first : first + count] = np.eye(count)
-    return np.sqrt(np.diag(-solve_spd(H, ones)[first : first + count])).reshape(-1, 2)
+def _lens_sigmas(normal: Normal) -> FloatArray:
+    """Return ``(L, 2)`` posterior sigmas of the lens numbers; ``numpy.linalg.LinAlgError`` as ``Normal.step``."""
+    shared, _ = normal.shared_covariance()
+    return np.sqrt(np.diag(shared)[: 2 * normal.layout.border.lenses]).reshape(-1, 2)
 
 
 def _lens_found(problem: BundleProblem, state: BundleState, free: np.ndarray, sigma: FloatArray) -> list[LensFound]:

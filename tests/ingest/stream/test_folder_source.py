@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from photomap_gis.core.errors import DataError, UsageError
-from photomap_gis.core.live import EndReason, GapKind, LiveFrame, StreamEnd, StreamGap
+from photomap_gis.core.live import EndReason, GapKind, LiveFrame, StreamEnd, StreamGap, StreamRenamed
 from photomap_gis.ingest.stream import open_stream
 from tests.ingest.stream.made import FakeClock, picture
 
@@ -109,3 +109,24 @@ def test_real_photos_bring_their_positions(shared_data: Path) -> None:
     source = open_stream(shared_data / "caliterra" / "images", realtime=False)
     first = next(iter(source))
     assert isinstance(first, LiveFrame) and first.ref.fix is not None and first.ref.camera.focal_px is not None
+
+
+def test_a_photo_that_comes_under_a_second_name_is_one_photo(tmp_path: Path) -> None:
+    folder, box = tmp_path / "photos", tmp_path / "mission" / "recording"
+    folder.mkdir()
+    camera = Camera()
+    source = open_stream(folder, clock=camera, recording=box)
+    camera.at(0.5, lambda: (folder / "tmp_a.jpg").write_bytes(jpeg(1, 1)))  # a program that writes, then renames
+    camera.at(3.0, lambda: (folder / "tmp_a.jpg").rename(folder / "a.jpg"))
+    camera.at(5.0, lambda: (folder / "b.jpg").write_bytes(jpeg(2, 2)))
+    camera.at(7.0, lambda: (folder / "copy of b.jpg").write_bytes(jpeg(2, 2)))
+    camera.at(10.0, source.close)
+    events = list(source)
+    assert [e.ref.name for e in events if isinstance(e, LiveFrame)] == ["tmp_a.jpg", "b.jpg"]
+    [renamed] = [e for e in events if isinstance(e, StreamRenamed)]
+    assert (Path(renamed.path).name, Path(renamed.to).name) == ("tmp_a.jpg", "a.jpg")
+    left_out = [e.message for e in events if isinstance(e, StreamGap) and e.kind is GapKind.FILE_LEFT_OUT]
+    assert left_out == ["copy of b.jpg: the same picture as b.jpg, left out"]
+    again = [e for e in open_stream(box, realtime=False) if isinstance(e, LiveFrame)]
+    assert [e.ref.name for e in again] == ["a.jpg", "b.jpg"]
+    assert np.array_equal(again[0].image, next(e for e in events if isinstance(e, LiveFrame)).image)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import make_world
+from worlds import dense_of, make_world
 
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.ground import HeightField
@@ -12,16 +12,10 @@ from photomap_gis.core.placement import PosedPlacement
 from photomap_gis.core.posegraph import PositionObservation
 from photomap_gis.core.similarity import fit_similarity
 from photomap_gis.slam.bundle import Lens, Marks, bundle_adjust
-from photomap_gis.slam.bundle.equations import (
-    SpotPrior,
-    blocks_of_inverse,
-    prior_cost,
-    reduced_equations,
-    solve_spd,
-    spots_settled,
-)
-from photomap_gis.slam.bundle.fixes import fix_covariance, fix_information
+from photomap_gis.slam.bundle.equations import SpotPrior, prior_cost, reduced_equations, spots_settled
+from photomap_gis.slam.bundle.fixes import FixNoise, fix_noise
 from photomap_gis.slam.bundle.ground import fit_ground
+from photomap_gis.slam.bundle.layout import Layout
 from photomap_gis.slam.bundle.marks import mark_terms
 from photomap_gis.slam.bundle.model import cameras_of, linearise
 from photomap_gis.slam.bundle.problem import BundleState, exp_rotation, log_rotation
@@ -82,13 +76,14 @@ def test_reduced_equations_are_the_whole_ones_with_the_spots_taken_out(rng):
     W = np.linalg.inv(p.ties.covariance)
     prior = surface_of(rng, p, bends)
     free = np.ones((1, 2), bool)
-    reduced = reduced_equations(p, state, found, W, prior, free)
-    step = solve_spd(reduced.H.copy(), reduced.g)
+    layout = Layout.of(p, bends)
+    reduced = reduced_equations(layout, p, state, found, W, prior, free)
+    step = reduced.normal.step()
     size = 6 * n + 2 + bends
     nothing = replace(found, valid=np.zeros(len(p.ties), bool))
-    bare = reduced_equations(p, state, nothing, W, replace(prior, information=np.full(P, 1e-30)), free)
+    bare = reduced_equations(layout, p, state, nothing, W, replace(prior, information=np.full(P, 1e-30)), free)
     H, g = np.zeros((size + P, size + P)), np.zeros(size + P)
-    H[:size, :size], g[:size] = bare.H, bare.g
+    H[:size, :size], g[:size] = dense_of(p, bare)
     for k in range(P):
         unit = np.exp(prior.log_focal[0] - state.log_focal[0])
         J = np.zeros(size + P)
@@ -105,7 +100,7 @@ def test_reduced_equations_are_the_whole_ones_with_the_spots_taken_out(rng):
         g += J.T @ W[k] @ found.residual[k]
     whole = np.linalg.solve(H, -g)
     assert step == pytest.approx(whole[:size], rel=1e-5, abs=1e-8)
-    assert reduced.spots_for(step) == pytest.approx(whole[size:], rel=1e-5, abs=1e-7)
+    assert reduced.spots_for(p, step) == pytest.approx(whole[size:], rel=1e-5, abs=1e-7)
 
 
 @pytest.mark.parametrize("bends", [0, 3])
@@ -126,22 +121,14 @@ def test_the_equations_go_down_the_cost_that_is_counted(rng, bends):
 
     size, still = 6 * len(p.views) + 2, np.zeros(p.ties.spots)
     state = settled(BundleState.start(p))
-    e = reduced_equations(p, state, linearise(p, state), W, prior, free)
-    inner = np.linalg.solve(e.H[size:, size:], e.g[size:])
-    gradient = 2.0 * (e.g[:size] - e.H[:size, size:] @ inner)
+    H, g = dense_of(p, reduced_equations(Layout.of(p, bends), p, state, linearise(p, state), W, prior, free))
+    inner = np.linalg.solve(H[size:, size:], g[size:])
+    gradient = 2.0 * (g[:size] - H[:size, size:] @ inner)
     for k in (0, 2, 4, 11, size - 2, size - 1):
         step = np.zeros(size + bends)
         step[k] = h = 1e-5
         ahead, behind = (cost(settled(state.moved(s * step, still))) for s in (1, -1))
         assert gradient[k] == pytest.approx((ahead - behind) / (2 * h), rel=1e-3, abs=1e-2 * np.abs(gradient).max())
-
-
-def test_blocks_of_the_inverse_are_those_of_the_inverse(rng):
-    root = rng.normal(0, 1, (20, 20))
-    H = root @ root.T + np.diag(rng.uniform(0.1, 1e4, 20))
-    inverse = np.linalg.inv(H)
-    expected = [inverse[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(3)]
-    assert blocks_of_inverse(H, 3) == pytest.approx(np.array(expected), rel=1e-8)
 
 
 def test_the_surface_does_not_favour_a_shorter_lens(rng):
@@ -219,15 +206,15 @@ def test_predicted_sigmas_are_those_of_the_errors():
 
 
 def marks_of(world, rng, views=(0, 5, 12, 17), sigma=0.05, shared=0.0):
-    """One known point in the middle of each of some frames."""
+    """One known point in the middle of each of some frames; ``shared`` is the sigma of an error of all of them."""
     px = rng.uniform((500, 400), (1100, 800), (len(views), 2))
     where = [
         PosedPlacement(world.camera, world.centre[v] * (1, 1, -1), world.R[v], world.ground).project(p[None])[0]
         for v, p in zip(views, px, strict=True)
     ]
-    n = 2 * len(views)
-    both = np.tile(np.eye(2), (len(views), len(views)))
-    return Marks(np.array(views), px, np.array(where), sigma**2 * np.eye(n) + shared**2 * both)
+    own = np.tile(sigma**2 * np.eye(2), (len(views), 1, 1))
+    group, places = (0, [shared**2 * np.eye(2)]) if shared else (-1, np.zeros((0, 2, 2)))
+    return Marks(np.array(views), px, np.array(where), own, np.full(len(views), group), np.array(places))
 
 
 def absolute_errors(world, bundle) -> np.ndarray:
@@ -277,7 +264,7 @@ def test_without_fixes_the_map_stays_where_it_was(rng):
         world.problem,
         fix_of=np.zeros(0, np.intp),
         fix_xy=np.zeros((0, 2)),
-        fix_information=np.zeros((0, 0)),
+        fix_noise=FixNoise.none(),
         held=np.array([0]),
     )
     bundle = bundle_adjust(relative)
@@ -296,15 +283,17 @@ def test_fixes_share_what_they_share():
         return PositionObservation(frame, np.zeros(2), np.eye(2) * (white**2 + 4.0), flight, time, 2.0, 60.0, 1.0)
 
     fixes = [fix(0, 0.0), fix(1, 60.0), fix(2, 0.0, flight=1)]
-    C = fix_covariance(fixes)
+    C = FixNoise.of(fixes).covariance
     assert C[0, 0] == pytest.approx(0.25 + 4.0 + 1.0) and C[0, 2] == 0.0
     assert C[0, 1] == pytest.approx(4.0 * np.exp(-1.0) + 1.0)
     many = [fix(k, 2.0 * k) for k in range(20)]
     xy = np.zeros((20, 2))
     xy[7] = (80.0, 0.0)
-    information = fix_information(many, xy)
+    information = fix_noise(many, xy).information
     assert information[7, 7] < 1e-3 * information[8, 8], "a blunder is put aside"
-    assert fix_information([], np.zeros((0, 2))).shape == (0, 0)
+    assert fix_noise([], np.zeros((0, 2))).information.shape == (0, 0)
+    untimed = FixNoise.of([replace(f, time_s=None) for f in fixes[:2]]).covariance
+    assert untimed == pytest.approx(np.full((2, 2), 1.0) + 4.25 * np.eye(2)), "without a time only the bias is shared"
 
 
 def test_the_ground_is_found_under_what_stands_on_it(rng):

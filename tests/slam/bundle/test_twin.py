@@ -7,13 +7,8 @@ import pytest
 from worlds import make_world
 
 from photomap_gis.core.camera import Camera
-from photomap_gis.slam.bundle.equations import (
-    SpotPrior,
-    blocks_of_inverse,
-    reduced_equations,
-    solve_spd,
-    spots_settled,
-)
+from photomap_gis.slam.bundle.equations import SpotPrior, reduced_equations, spots_settled
+from photomap_gis.slam.bundle.layout import Layout
 from photomap_gis.slam.bundle.model import cameras_of, linearise, sight
 from photomap_gis.slam.bundle.problem import BundleState
 
@@ -34,12 +29,13 @@ def ours(problem):
     lenses = np.log([lens.focal_px for lens in problem.lenses])
     prior = SpotPrior(np.zeros(P), np.full(P, RELIEF**-2.0), np.zeros((P, 0)), np.zeros(0), np.zeros(P, int), lenses)
     state, free, W = BundleState.start(problem), np.zeros((1, 2), bool), problem.ties.information
+    layout = Layout.of(problem, 0)
     for _ in range(12):
-        e = reduced_equations(problem, state, linearise(problem, state), W, prior, free)
-        step = solve_spd(e.H, e.g)
-        state = spots_settled(problem, state.moved(step, e.spots_for(step)), W, prior)
-    e = reduced_equations(problem, state, linearise(problem, state), W, prior, free)
-    return state, blocks_of_inverse(e.H, len(problem.views))
+        e = reduced_equations(layout, problem, state, linearise(problem, state), W, prior, free)
+        step = e.normal.step()
+        state = spots_settled(problem, state.moved(step, e.spots_for(problem, step)), W, prior)
+    e = reduced_equations(layout, problem, state, linearise(problem, state), W, prior, free)
+    return state, e.normal.pose_covariances()
 
 
 def theirs(problem, state):
@@ -59,7 +55,7 @@ def theirs(problem, state):
         turn = gtsam.noiseModel.Diagonal.Sigmas(np.array([v.tilt_sigma_rad, v.tilt_sigma_rad, FREE, FREE, FREE, FREE]))
         graph.add(gtsam.PriorFactorPose3(X(k), gtsam.Pose3(gtsam.Rot3(v.R_prior), v.centre), turn))
     for k, xy, information in zip(
-        problem.fix_of.tolist(), problem.fix_xy, np.diag(problem.fix_information), strict=True
+        problem.fix_of.tolist(), problem.fix_xy, np.diag(problem.fix_noise.information), strict=True
     ):
         noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([information**-0.5, information**-0.5, FREE]))
         graph.add(gtsam.GPSFactor(X(k), np.array([*xy, 0.0]), noise))
@@ -88,7 +84,7 @@ def theirs(problem, state):
 
 
 def test_cameras_and_their_covariances_are_those_of_gtsam(world):
-    problem = replace(world.problem, fix_information=world.problem.fix_information * 4.0)
+    problem = replace(world.problem, fix_noise=world.problem.fix_noise.times(0.25))
     state, covariance = ours(problem)
     found, marginals, X = theirs(problem, state)
     for k in range(len(problem.views)):

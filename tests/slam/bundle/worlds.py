@@ -7,6 +7,7 @@ import numpy as np
 from photomap_gis.core.camera import Camera
 from photomap_gis.core.ground import HeightField
 from photomap_gis.slam.bundle import BundleProblem, Lens, TieSet, View
+from photomap_gis.slam.bundle.fixes import FixNoise
 from photomap_gis.slam.bundle.problem import exp_rotation
 
 
@@ -37,8 +38,12 @@ def make_world(
     lens=None,
     gps_m=2.0,
     false_share=0.0,
+    reach_m=np.inf,
 ) -> World:
-    """Fly strips to and fro; ``told`` is the camera that the problem believes in, ``lean`` a common lean (radians)."""
+    """Fly strips to and fro; ``told`` is the camera that the problem believes in, ``lean`` a common lean (radians).
+
+    Frames further apart than ``reach_m`` share no ties.
+    """
     camera = camera or Camera(1600, 1200, 1200.0)
     told = told or camera
     y, x = np.mgrid[0:12, 0:12]
@@ -73,6 +78,8 @@ def make_world(
             p = centre[f] + d * ((z - centre[f, 2]) / d[:, 2])[:, None]
             z = -ground.at(p[:, :2])
         for other in range(f):
+            if np.hypot(*(centre[other] - centre[f])[:2]) > reach_m:
+                continue
             q, front = seen(other, p)
             inside = front & (q > 20).all(1) & (q < (1580, 1180)).all(1)
             if inside.sum() < 4:
@@ -93,7 +100,41 @@ def make_world(
         View(k, 0, start[k], turn[k] @ exp_rotation(rng.normal(0, 0.02, (1, 3)))[0], turn[k], 0.07) for k in range(n)
     )
     fixes = centre[:, :2] + rng.normal(0, gps_m, (n, 2))
-    information = np.eye(n) * gps_m**-2.0
+    noise = FixNoise.white(np.full(n, gps_m**2))
     lens = lens or Lens(told, 0.03, 0.03)
-    problem = BundleProblem(views, (lens,), ties, np.arange(n), fixes, information, np.zeros(0, np.intp))
+    problem = BundleProblem(views, (lens,), ties, np.arange(n), fixes, noise, np.zeros(0, np.intp))
     return World(problem, centre, R, camera, ground)
+
+
+def dense_of(problem, reduced) -> tuple[np.ndarray, np.ndarray]:
+    """The reduced equations in full: of views, lenses and bends, what only fixes and marks share taken out."""
+    e, n = reduced.normal, len(problem.views)
+    seen, size = e.layout.border.seen, e.layout.border.size
+    whole = np.zeros((6 * n + size + 2 * len(e.fix_of),) * 2)
+    g = np.concatenate([e.g.ravel(), e.g_border, e.g_drift.ravel()])
+    for (i, j), block in zip(e.layout.slots.tolist(), e.blocks, strict=True):
+        whole[6 * i : 6 * i + 6, 6 * j : 6 * j + 6] = block
+        whole[6 * j : 6 * j + 6, 6 * i : 6 * i + 6] = block.T
+    border = slice(6 * n, 6 * n + size)
+    whole[: 6 * n, border] = e.cross.reshape(6 * n, size)
+    whole[border, : 6 * n] = e.cross.reshape(6 * n, size).T
+    whole[border, border] = e.border
+
+    def put(i, j, value):
+        whole[i, j] = whole[j, i] = value
+
+    drift = 6 * n + size + 2 * np.arange(len(e.fix_of))
+    early, late, _ = e.layout.steps
+    for axis in (0, 1):
+        for f, view in enumerate(e.fix_of.tolist()):
+            put(drift[f] + axis, drift[f] + axis, e.drift_own[f] or 1.0)
+            put(drift[f] + axis, 6 * view + axis, e.drift_view[f])
+            if e.drift_bias[f]:
+                put(drift[f] + axis, 6 * n + e.bias_of[f] + axis, e.drift_bias[f])
+        for k in range(len(early)):
+            put(drift[early[k]] + axis, drift[late[k]] + axis, e.drift_next[k])
+    kept = 6 * n + seen
+    if len(whole) == kept:
+        return whole, g
+    carried = np.linalg.solve(whole[kept:, kept:], np.c_[whole[kept:, :kept], g[kept:]])
+    return whole[:kept, :kept] - whole[:kept, kept:] @ carried[:, :-1], g[:kept] - whole[:kept, kept:] @ carried[:, -1]
