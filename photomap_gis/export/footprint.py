@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import shapely
-import shapely.affinity
 from rasterio import Affine
 from rasterio.features import shapes
 from shapely.geometry import MultiPolygon, Polygon, mapping, shape
@@ -20,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from photomap_gis.core.errors import OutputError
 from photomap_gis.core.grid import Window
 from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.antimeridian import cut, near
 from photomap_gis.export.crs import WGS84, needs_place, point_map
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.warp import read_shrunk
@@ -64,21 +64,7 @@ def to_wgs84(geometry: MultiPolygon, crs_wkt: str | None) -> MultiPolygon:
     dense = shapely.segmentize(geometry, max(east - west, north - south) / 50.0)
     to_degrees = point_map(crs, WGS84, around_xy=[[west, south], [east, north]])
     middle = float(to_degrees([[(west + east) / 2.0, (south + north) / 2.0]])[0, 0])
-
-    def unwrapped(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        lon_lat = to_degrees(points)
-        lon_lat[:, 0] = middle + (lon_lat[:, 0] - middle + 180.0) % 360.0 - 180.0
-        return lon_lat
-
-    degrees = _polygons(shapely.transform(dense, unwrapped))
-    if degrees.bounds[0] >= -180.0 and degrees.bounds[2] <= 180.0:
-        return degrees
-    # RFC 7946, section 3.1.9: what crosses the antimeridian is cut there.
-    parts = []
-    for turn in (-360.0, 0.0, 360.0):
-        within = degrees & shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0)
-        parts.append(_polygons(shapely.affinity.translate(within, -turn)))
-    return MultiPolygon([polygon for part in parts for polygon in part.geoms])
+    return _polygons(cut(_polygons(shapely.transform(dense, lambda p: near(to_degrees(p), middle)))))
 
 
 def feature_collection(geometry: MultiPolygon, properties: Mapping[str, Any]) -> dict[str, Any]:

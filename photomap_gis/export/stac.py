@@ -15,6 +15,7 @@ from shapely.geometry import mapping
 from photomap_gis.core.errors import OutputError, UsageError
 from photomap_gis.core.grid import MapGrid
 from photomap_gis.core.mosaic import TileSource
+from photomap_gis.export.antimeridian import bounds
 from photomap_gis.export.area import Area, clipped
 from photomap_gis.export.crs import needs_place, parse_crs
 from photomap_gis.export.footprint import footprint, to_wgs84, write_geojson
@@ -60,6 +61,8 @@ def write_stac_item(
     if path.suffix.lower() not in (".json", ".geojson"):
         raise UsageError(f"{path.name} must end in .json")
     wkt = needs_place(source.grid.crs_wkt, "a STAC item")
+    # a folder of tiles has a document that stands for it, any other is the files in it
+    assets = [f for a in assets for f in (sorted(a.glob("*.tif")) if _is_plain_folder(a) else [a])]
     if not assets:
         raise UsageError("a STAC item describes files: ask for another format in the same command, e.g. --geotiff")
     outline = to_wgs84(footprint(clipped(source, area)), wkt)
@@ -91,13 +94,17 @@ def write_stac_item(
         "stac_version": "1.0.0",
         "stac_extensions": _EXTENSIONS,
         "id": path.stem,
-        "bbox": list(outline.bounds),
+        "bbox": list(bounds(outline)),
         "geometry": mapping(outline),
         "properties": properties,
         "links": [],
         "assets": {_key(asset, assets): _asset(asset, path.parent) for asset in assets},
     }
     write_geojson(item, path)
+
+
+def _is_plain_folder(asset: Path) -> bool:
+    return asset.is_dir() and not (asset / "tiles.json").is_file()
 
 
 def _key(asset: Path, assets: Sequence[Path]) -> str:

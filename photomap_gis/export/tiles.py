@@ -77,7 +77,7 @@ def write_tiles(
         if tms:
             (fresh / "tilemapresource.xml").write_text(_tile_map_resource(plan, choice, words), encoding="utf-8")
         (fresh / "tiles.json").write_text(json.dumps(document, indent=2, ensure_ascii=False), encoding="utf-8")
-        (fresh / "index.html").write_text(_viewer(document), encoding="utf-8")
+        (fresh / "index.html").write_text(_viewer({**document, "bounds": list(plan.box_deg)}), encoding="utf-8")
     return count
 
 

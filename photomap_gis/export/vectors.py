@@ -25,8 +25,9 @@ from shapely.geometry import mapping
 from shapely.geometry.base import BaseGeometry
 
 from photomap_gis.core.errors import OutputError, UsageError
+from photomap_gis.export.antimeridian import cut
 from photomap_gis.export.area import Area
-from photomap_gis.export.crs import WGS84, needs_place, parse_crs, point_map, same_crs
+from photomap_gis.export.crs import WGS84, needs_place, parse_crs, point_map, same_crs, world_period
 from photomap_gis.export.publish import file_in_place_of
 from photomap_gis.export.words import MapWords
 
@@ -58,7 +59,10 @@ class VectorLayer:
         here, there = needs_place(from_crs, "vectors in another CRS"), needs_place(to_crs, "vectors in another CRS")
         west, south, east, north = shapely.total_bounds(np.array(self.geometries, dtype=object))
         to = point_map(here, there, around_xy=[[west, south], [east, north]])
-        return VectorLayer(self.name, tuple(shapely.transform(g, to) for g in self.geometries), self.rows)
+        moved = tuple(shapely.transform(g, to) for g in self.geometries)
+        if world_period(there) == 360.0:
+            moved = tuple(cut(g) for g in moved)
+        return VectorLayer(self.name, moved, self.rows)
 
 
 def write_vectors(

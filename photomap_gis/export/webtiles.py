@@ -27,12 +27,21 @@ OnProgress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class WebTiles:
-    """A planned pyramid: zooms from the widest to the finest, and the map's box in degrees."""
+    """A planned pyramid: zooms from the widest to the finest, and the map's box in degrees.
+
+    ``box_deg`` is west, south, east, north of whole pixels of the finest zoom; beyond ±180 across the antimeridian.
+    """
 
     pyramid: Pyramid
     min_zoom: int
     max_zoom: int
-    bounds_deg: tuple[float, float, float, float]
+    box_deg: tuple[float, float, float, float]
+
+    @property
+    def bounds_deg(self) -> tuple[float, float, float, float]:
+        """The box within ±180 degrees: the whole world's width where the map crosses the antimeridian."""
+        west, south, east, north = self.box_deg
+        return (-180.0, south, 180.0, north) if west < -180.0 or east > 180.0 else self.box_deg
 
     @property
     def zooms(self) -> str:
@@ -42,9 +51,10 @@ class WebTiles:
     @property
     def centre(self) -> tuple[float, float, int]:
         """Longitude, latitude, and a zoom at which the map fills a small window."""
-        west, south, east, north = self.bounds_deg
+        west, south, east, north = self.box_deg
+        lon = ((west + east) / 2.0 + 180.0) % 360.0 - 180.0
         zoom = min(self.max_zoom, max(self.min_zoom, self.min_zoom + _ZOOMS_BELOW_ONE_TILE + 1))
-        return ((west + east) / 2.0, (south + north) / 2.0, zoom)
+        return (lon, (south + north) / 2.0, zoom)
 
     def encoded(
         self,
@@ -121,22 +131,19 @@ def plan_web_tiles(
         raise UsageError(f"the widest zoom ({widest}) must not lie beyond the finest ({finest})")
     world = MapGrid(mercator, -_HALF_WORLD_M, _HALF_WORLD_M, size_m, TILE_PX << leaf, TILE_PX << leaf, TILE_PX)
     pyramid = Pyramid(Resampler(source, world), extent, leaf, widest, finest, TILE_PX)
-    return WebTiles(pyramid, widest, finest, _bounds_deg(extent, leaf, finest))
+    return WebTiles(pyramid, widest, finest, _box_deg(extent, leaf, finest))
 
 
-def _bounds_deg(extent: Window, leaf: int, finest: int) -> tuple[float, float, float, float]:
-    """Return west, south, east, north of whole pixels of the finest zoom that is kept, within ±180 degrees.
+def _box_deg(extent: Window, leaf: int, finest: int) -> tuple[float, float, float, float]:
+    """Return west, south, east, north of whole pixels of the finest zoom that is kept.
 
     GDAL and QGIS cut MBTiles to these bounds and round them to pixels: others would shift the map by up to half a one.
-    Across the antimeridian the box is the whole world's width.
     """
     step, world_px = 1 << (leaf - finest), TILE_PX << finest
     left, top = extent.col_off // step, extent.row_off // step
     right, bottom = -(-(extent.col_off + extent.width) // step), -(-(extent.row_off + extent.height) // step)
     west, east = (360.0 * v / world_px - 180.0 for v in (left, right))
     south, north = (math.degrees(math.atan(math.sinh(math.pi * (1.0 - 2.0 * v / world_px)))) for v in (bottom, top))
-    if west < -180.0 or east > 180.0:
-        west, east = -180.0, 180.0
     return west, south, east, north
 
 

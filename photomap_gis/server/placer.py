@@ -24,20 +24,24 @@ class Placer:
         self.frame = frame
         self.digits = _LOCAL_DIGITS if frame.crs_wkt is None else _DEGREE_DIGITS
         self._to = self._from = None
+        self._lon_deg = 0.0
         if frame.crs_wkt is not None:
             p = np.asarray(around_xy_map, dtype=np.float64).reshape(-1, 2)
             p = p[np.isfinite(p).all(axis=1)]
             around = frame.to_crs(p if len(p) else [[0.0, 0.0]])
             self._to = point_map(frame.crs_wkt, WGS84, around_xy=around)
-            self._from = point_map(WGS84, frame.crs_wkt, around_xy=self._to(around))
+            here = self._to(around)
+            self._lon_deg = float(here[0, 0])
+            self._from = point_map(WGS84, frame.crs_wkt, around_xy=here)
 
     def __call__(self, xy_map: npt.ArrayLike) -> list[list[float]]:
         """Return ``(N, 2)`` points of the map frame, those that have a place, rounded."""
         xy = self.frame.to_crs(xy_map)
         if self._to is not None:
             xy = self._to(xy)
-            if len(xy) and np.isfinite(xy).all():  # an outline across the antimeridian runs on, it does not jump
-                xy[:, 0] = xy[0, 0] + (xy[:, 0] - xy[0, 0] + 180.0) % 360.0 - 180.0
+            # across the antimeridian outlines and tracks run on, all on the same side of the world
+            xy = np.where(np.isfinite(xy), xy, np.nan)
+            xy[:, 0] = self._lon_deg + (xy[:, 0] - self._lon_deg + 180.0) % 360.0 - 180.0
         return [
             [round(float(x), self.digits), round(float(y), self.digits)] for x, y in xy if np.isfinite([x, y]).all()
         ]

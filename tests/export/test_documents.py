@@ -343,3 +343,24 @@ def test_a_page_is_one_to_print(side_px, long_mm):
     from photomap_gis.export.geopdf import _dpi
 
     assert side_px / _dpi(side_px) * 25.4 == pytest.approx(long_mm, rel=0.01)
+
+
+def test_a_folder_of_layers_is_told_file_by_file(scene, tmp_path):
+    layers = tmp_path / "layers"
+    layers.mkdir()
+    for name in ("age.tif", "views.tif"):
+        (layers / name).write_bytes(b"x")
+    write_tiles(scene.source(), tmp_path / "tiles")
+    write_stac_item(scene.source(), tmp_path / "item.json", [tmp_path / "tiles", layers], now=NOW)
+    item = pystac.Item.from_dict(json.loads((tmp_path / "item.json").read_text()))
+    hrefs = {a.href for a in item.assets.values()}
+    assert hrefs == {"tiles/tiles.json", "layers/age.tif", "layers/views.tif"}
+    assert all((tmp_path / href).is_file() for href in hrefs)
+
+
+def test_an_item_across_the_antimeridian(scene, tmp_path):
+    source = scene.source("EPSG:32660", 832_660.0, 553_470.0)
+    write_geotiff(source, tmp_path / "map.tif")
+    write_stac_item(source, tmp_path / "item.json", [tmp_path / "map.tif"], now=NOW)
+    west, _, east, _ = json.loads((tmp_path / "item.json").read_text())["bbox"]
+    assert west > 179.9 and east < -179.9
