@@ -23,7 +23,7 @@ from photomap_gis.pipeline.solved import Solved
 from photomap_gis.slam.bundle import Bundle, BundleProblem, bundle_adjust
 from photomap_gis.store import Mission
 
-from ..registration.report import Bar, Figure, Section
+from ..registration.report import Figure, Section
 from ..registration.score import Interval, bootstrap
 from .measure import Options
 
@@ -88,7 +88,6 @@ def _measured(mission: Mission, settings: MapSettings, options: Options) -> Sect
                 bootstrap(np.sum(off**2, axis=1) / claimed / 2.0, np.mean, draw),
                 len(off),
                 "",
-                Bar(0.7, 1.5),
             ),
             Figure("fit to GPS, RMS", _exact(fit), n, "m"),
             Figure("predicted CE90", _exact(ce90), n, "m"),

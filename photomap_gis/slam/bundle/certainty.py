@@ -18,7 +18,7 @@ from photomap_gis.slam.bundle.model import LEAST_DOWN, of_undistorting
 from photomap_gis.slam.bundle.normal import Normal
 from photomap_gis.slam.bundle.problem import BundleState, IntArray, cross_matrix
 
-MODEL_FOCAL_LOG, MODEL_K1 = 0.002, 0.0015
+MODEL_FOCAL_LOG, MODEL_K1 = 0.003, 0.001
 """How far a lens's numbers may be off besides: what it has of higher terms, and the ties make of it, is in no model."""
 SHARED_MISFIT = 0.5
 """How much of what ties are left off a frame's pixels share: ground that no smooth surface follows, leaves, blocks."""

@@ -51,8 +51,9 @@ HELD_ROUNDS = 3
 CELLS_A_FOOTPRINT = 4.0
 RELIEF_TAIL = 4.0
 LEVEL_SIGMA, SLOPE_SIGMA = 1e-3, 0.1
-INDEPENDENT = 20.0
-"""Ties of one pair that count as independent."""
+INDEPENDENT, CAUTIOUS = 32.0, 8.0
+"""Ties of one pair that count as independent: in what is claimed of cameras and ground (fitted to rendered flights),
+and where it is decided whether the lens is another than was known."""
 MOUNT_SPREAD = 3.0
 """A mount may lean by so many times what a frame leans besides."""
 LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
@@ -151,7 +152,7 @@ def _adjusted(asked: BundleProblem, joint: bool) -> Bundle:
     state, at, _ = _descend(layout, problem, stage.state, prior, taken, stage.ground, LAST_STEPS)
     state, ground = _sized(problem, state, stage.ground)
     # what a lens may still be off is part of every sigma, whether its number was taken or not
-    believed = _believed(layout, problem, state, at, prior, free, ground)
+    believed = _believed(layout, problem, state, at, prior, free, ground, independent=INDEPENDENT)
     cameras, left_px = cameras_of(problem, state), _rms(at.found.residual, at.found.valid)
     gsd = float(np.median(-state.centre[:, 2] / np.exp(state.log_focal)[problem.lens_of]))
     sure = certainty(
@@ -411,6 +412,8 @@ def _believed(
     prior: SpotPrior,
     free: np.ndarray,
     ground: HeightField,
+    *,
+    independent: float = CAUTIOUS,
 ) -> Normal:
     """Return the normal equations as far as they are to be believed.
 
@@ -418,7 +421,7 @@ def _believed(
     are as good as a few that share nothing.
     """
     pairs = len(runs_of(problem.ties.a, problem.ties.b))
-    share = min(1.0, INDEPENDENT * pairs / max(len(problem.ties), 1))
+    share = min(1.0, independent * pairs / max(len(problem.ties), 1))
     marked = _marked(problem, state, ground)
     return reduced_equations(layout, problem, state, at.found, share * at.information, prior, free, marked).normal
 
