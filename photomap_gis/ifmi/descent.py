@@ -269,12 +269,14 @@ def damp(curvature: FloatArray, stiffness: float) -> None:
 def move_on(G: FloatArray, step: FloatArray, reach_px: float, longest_px: float) -> float:
     """Set ``G`` to itself after the field's homography of a step ``(4 or 8, 1)``, cut to a length; return its length.
 
-    See ``field.field_matrix``; lengths are at ``reach_px`` from the middle.
+    See ``field.field_matrix``; lengths are at ``reach_px`` from the middle. A step that is no number is not taken.
     """
     total = 0.0
     for i in range(len(step)):
         total += step[i, 0] * step[i, 0]
     length_px = reach_px * math.sqrt(total)
+    if not math.isfinite(length_px):
+        return length_px
     cut = min(1.0, longest_px / max(length_px, 1e-12))
     x, y, turn, growth = cut * step[0, 0], cut * step[1, 0], cut * step[2, 0], cut * step[3, 0]
     stretch, shear, tilt_x, tilt_y = 0.0, 0.0, 0.0, 0.0
@@ -361,6 +363,8 @@ def descend(
             step[i, 0] = gain * own[1 + i, 0] - pull[1 + i]
         solve(curvature, step)
         length_px = move_on(G, step, reach_px, LONGEST_STEP_PX)
+        if not math.isfinite(length_px):
+            return correlation, 0.0
         # Steps shrink by a rate: what is left to go is the rest of the series.
         rate = min(length_px / before_px, 0.9)
         if length_px * max(rate / (1.0 - rate), 0.1) < enough_px or (k >= PATIENCE and correlation < before + RISE):

@@ -136,6 +136,12 @@ def robust_sigma(residual, valid):
     return 1.4826 * np.sort(some)[len(some) // 2] + 1e-6
 
 
+def test_a_step_that_is_no_number_is_not_taken():
+    G = np.eye(3)
+    assert not math.isfinite(descent.move_on(G, np.full((8, 1), np.nan), 128.0, 4.0))
+    np.testing.assert_array_equal(G, np.eye(3))
+
+
 @pytest.mark.parametrize("freedom", [4, 8])
 def test_one_step_is_that_of_gauss_and_newton(spectra, freedom):
     a, b, truth = spectra
