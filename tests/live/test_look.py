@@ -52,8 +52,8 @@ def test_what_moves_is_seen_to_move(tmp_path: Path, rng: np.random.Generator) ->
         plain.paste(0, placement_at(0.0, 0.0), picture, 0.0)
         for tile in painter.canvas.tiles():
             window = painter.canvas.window_of(tile)
-            got, wanted = (p.canvas.read(window, lambda t: t.rgba(), 0) for p in (painter, plain))
-            np.testing.assert_array_equal(got, wanted)
+            got, wanted = (p.canvas.read(window, lambda t: t.rgba(), 0).astype(int) for p in (painter, plain))
+            np.testing.assert_allclose(got, wanted, atol=10)  # the same picture; its light is evened a little
             seen = painter.canvas.read(window, lambda t: t.seen_s, -np.inf)
             assert (seen[got[..., 3] > 0] == np.float32(0.25 * n)).all()
     assert (painter.canvas.read(painter.canvas.window_of(tile), lambda t: t.shown, -1) <= 0).all()
@@ -76,8 +76,8 @@ def test_a_look_moves_with_its_key_frame_and_outlasts_drawing_anew(tmp_path: Pat
     assert set(fresh.canvas.tiles()) <= set(painter.canvas.tiles())
     for tile in painter.canvas.tiles():
         window = painter.canvas.window_of(tile)
-        got, wanted = (p.canvas.read(window, lambda t: t.rgba(), 0) for p in (painter, fresh))
-        np.testing.assert_array_equal(got, wanted)
+        got, wanted = (p.canvas.read(window, lambda t: t.rgba(), 0).astype(int) for p in (painter, fresh))
+        np.testing.assert_allclose(got, wanted, atol=2)  # its light was evened where it was pasted first
 
 
 def test_only_tiles_that_change_are_told_of(tmp_path: Path, rng: np.random.Generator) -> None:
