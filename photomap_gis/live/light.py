@@ -25,6 +25,8 @@ FEWEST = 50
 DARKEST, BRIGHTEST = 10.0, 240.0
 """Beyond, a pixel tells nothing of a gain."""
 MOST = math.log(1.8)
+LITTLE = 0.03
+"""What moves in the picture changes its brightness by less; still ground must not flicker for that."""
 
 
 class Light:
@@ -48,9 +50,10 @@ class Light:
             self._gains[key] = 1.0 if gain is None else gain**KEPT
         return self._gains[key]
 
-    def measured(self, sheet: Sheet, canvas: LiveCanvas) -> float:
-        """Return the gain that makes a sheet fit to what the canvas shows; 1 where that cannot be told."""
-        return self._ratio(sheet, canvas) or 1.0
+    def of_look(self, key: int, sheet: Sheet, canvas: LiveCanvas) -> float:
+        """Return the gain of a frame that hangs on a key frame: that one's, unless the exposure has changed since."""
+        usual, now = self.of(key), self._ratio(sheet, canvas)
+        return usual if now in (None, 1.0) or abs(math.log(now / usual)) < LITTLE else now  # 1: nothing to compare
 
     def _ratio(self, sheet: Sheet, canvas: LiveCanvas) -> float | None:
         """Return how much brighter the canvas is: 1 where little can be compared, ``None`` where it is too unlike."""

@@ -147,7 +147,7 @@ class Painter:
         if sheet is None:
             self._newest_look = look
             return False
-        gain = self._light.measured(sheet, self.canvas)
+        gain = self._light.of_look(key, sheet, self.canvas)
         self._newest_look = replace(look, gain=gain)
         return bool(self.canvas.paste(key, brightened(sheet, gain), is_look=True))
 

@@ -13,6 +13,7 @@ import pytest
 from photomap_gis.core.grid import TileIndex
 from photomap_gis.live.canvas import LiveCanvas
 from photomap_gis.live.journal import FOLDER, JOURNAL
+from photomap_gis.live.light import Light
 from photomap_gis.live.look import PASTED_EVERY_S, LookClock
 from photomap_gis.live.painter import Painter
 from photomap_gis.simulate.breakage import Breakage, break_frame
@@ -59,17 +60,24 @@ def test_what_moves_is_seen_to_move(tmp_path: Path, rng: np.random.Generator) ->
     assert (painter.canvas.read(painter.canvas.window_of(tile), lambda t: t.shown, -1) <= 0).all()
 
 
+class AsItIs(Light):
+    """Noise has no brightness to be told: the light is left as it is."""
+
+    def _ratio(self, sheet: object, canvas: object) -> float:
+        return 1.0
+
+
 def test_a_look_moves_with_its_key_frame_and_outlasts_drawing_anew(tmp_path: Path, rng: np.random.Generator) -> None:
     images = {k: rng.integers(0, 255, (H, W, 3), np.uint8) for k in range(2)}
     looked = rng.integers(0, 255, (H, W, 3), np.uint8)
-    painter = Painter(LiveCanvas(lattice(), tmp_path), lambda k: images[k])
+    painter = Painter(LiveCanvas(lattice(), tmp_path), lambda k: images[k], light=AsItIs())
     for k in images:
         painter.paste(k, placement_at(60.0 * k, 0.0, frame=k), images[k], float(k))
     painter.look(1, placement_at(80.0, 0.0, frame=1), looked, 1.5)
     painter.adopt(lambda k: placement_at(60.0 * k + 40.0, 0.0, frame=k), [0, 1], 2)
     while painter.step():
         pass
-    fresh = Painter(LiveCanvas(lattice(), tmp_path / "fresh"), lambda k: images[k])
+    fresh = Painter(LiveCanvas(lattice(), tmp_path / "fresh"), lambda k: images[k], light=AsItIs())
     for k in images:
         fresh.paste(k, placement_at(60.0 * k + 40.0, 0.0, frame=k), images[k], float(k))
     fresh.look(1, placement_at(120.0, 0.0, frame=1), looked, 1.5)
