@@ -84,7 +84,12 @@ def compare(ground: Path, folder: Path, rounds: int) -> list[Result]:
         print("gdal2tiles.py is not installed (apt-get install python3-gdal): left out", file=sys.stderr)
     else:
         results.append(_tiles(source, ground, folder, tiler, rounds))
-    for compression, bars in (("DEFLATE", (1.0, 1.5)), ("ZSTD", (1.0, 1.0)), ("JPEG", (1.0, 1.0))):
+    for compression, bars in (
+        ("DEFLATE", (1.0, 1.5)),
+        ("ZSTD", (1.0, 1.0)),
+        ("JPEG", (1.0, 1.0)),
+        ("WEBP", (1.0, 1.0)),
+    ):
         for name, given, bar in (("the same GeoTIFF", source, bars[0]), ("our tiles", store, bars[1])):
             results.append(_cog(given, ground, folder, compression, f"COG {compression} from {name}", bar, rounds))
     return results
@@ -123,7 +128,7 @@ def _cog(
         "driver": "COG", "COMPRESS": compression, "BLOCKSIZE": "512", "OVERVIEW_RESAMPLING": "AVERAGE",
         "NUM_THREADS": "ALL_CPUS", "SPARSE_OK": "YES",
     }  # fmt: skip
-    options |= {"QUALITY": "88"} if compression == "JPEG" else {"PREDICTOR": "YES", "LEVEL": "3"}
+    options |= {"QUALITY": "88"} if compression in ("JPEG", "WEBP") else {"PREDICTOR": "YES", "LEVEL": "3"}
     ours, theirs = folder / "ours.tif", folder / "theirs.tif"
     rival_s, ours_s = _best(
         lambda: rasterio.shutil.copy(str(ground), str(theirs), **options),
