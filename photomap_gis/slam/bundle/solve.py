@@ -61,6 +61,9 @@ LEVEL_BOWL, FREE_BOWL = 0.002, 0.05
 KNOWN_SHAPE = 5e-4
 """How far a ground of known heights may slope or bow besides."""
 LARGE = 500
+"""Views from which on threads of BLAS are worth their waiting."""
+MOST_BYTES = 3 << 30
+"""Equations that need more memory are not put up."""
 DAMPINGS = (0.0, 1e-4, 1e-2, 1.0, 100.0)
 
 
@@ -139,6 +142,8 @@ def _adjusted(asked: BundleProblem, joint: bool) -> Bundle:
     level = _spot_prior(problem, start, ground, bowl=LEVEL_BOWL)
     none = np.zeros((len(problem.lenses), 2), bool)
     layout = Layout.of(problem, level.bends.shape[1])
+    if layout.bytes > MOST_BYTES:
+        raise np.linalg.LinAlgError(f"too many frames show the same ground: it would take {layout.bytes / 1e9:.1f} GB")
     state, at, _ = _descend(layout, problem, start, level, none, ground, FIRST_STEPS)
     free = _observable(layout, problem, state, at, level)
     stage = _Stage(layout, _with_mounts(asked, state), _levelled_off(problem, state), ground, at, level)
