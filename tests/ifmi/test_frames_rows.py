@@ -161,3 +161,4 @@ odds = st.floats(-3.0, 60.0)
 def test_strangers_are_doubted_no_more_than_kin(smeared, blocky, cornered, torn, flat, blurred):
     doubt = Doubt(smeared, blocky, cornered, torn, flat, blurred)
     assert 0.0 <= doubt.of_strangers <= doubt.of_kin <= 1.0
+    assert doubt.of_strangers >= blurred, "a blur is one whatever came before"
