@@ -12,6 +12,7 @@ from photomap_gis.core.similarity import Similarity2D
 from photomap_gis.ifmi import Fault, judge_frame, judge_registered, look_at
 from photomap_gis.ifmi.frames.doubt import Doubt
 from photomap_gis.ifmi.frames.drawn import drawn_out
+from photomap_gis.ifmi.frames.registered import skew
 from photomap_gis.ifmi.frames.row_sums import best_lags
 from photomap_gis.ifmi.frames.rows import row_motion
 
@@ -100,7 +101,7 @@ def test_an_unregistered_frame_is_torn_where_its_rows_are():
     assert judge_registered(masked, before, nowhere()).ok, "of a levelled frame the borders would speak"
 
 
-def test_a_stretched_registration_that_fits_is_torn():
+def test_a_registration_skewed_along_its_rows_that_fits_is_torn():
     before = shot(LAND, 0, 0)
     slope = 0.5
     H = np.array([[1.0, -slope, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -109,6 +110,8 @@ def test_a_stretched_registration_that_fits_is_torn():
     verdict = judge_registered(frame, before, found)
     assert not verdict.ok and verdict.fault is Fault.TORN
     assert judge_registered(shot(OTHER, 0, 0), before, found).fault is not Fault.TORN, "it does not fit at all"
+    leaning = np.array([[1.3, -0.5, 0.0], [0.5, 0.8, 0.0], [1e-4, 0.0, 1.0]])
+    assert skew(H) == pytest.approx(slope) and skew(leaning) == 0.0, "a camera that leans and turns"
 
 
 def drawn(frame, last=60):
@@ -161,3 +164,4 @@ odds = st.floats(-3.0, 60.0)
 def test_strangers_are_doubted_no_more_than_kin(smeared, blocky, cornered, torn, flat, blurred):
     doubt = Doubt(smeared, blocky, cornered, torn, flat, blurred)
     assert 0.0 <= doubt.of_strangers <= doubt.of_kin <= 1.0
+    assert doubt.of_strangers >= blurred, "a blur is one whatever came before"

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
-import numpy as np
 
 from benchmarks.registration.faults.broken import Kind
 from benchmarks.registration.faults.cases import Case
@@ -76,14 +75,12 @@ WITNESSES = (
     Witness("torn, other ground", doubts.STRANGE_TEAR, _of_strangers, lambda s: s.doubt.torn),
     Witness("probability: the same ground", registered.KIN_PROBABILITY, lambda s: not s.accepted and (
         s.case.faulty or s.case.kind == Sound.STRANGERS), lambda s: s.found.probability),
-    Witness("stretched, where it fits", registered.MOST_STRETCHED, lambda s: s.accepted, lambda s: _stretch(s.found)),
+    Witness("skewed along its rows", registered.MOST_SKEWED, lambda s: s.accepted, lambda s: _skew(s.found)),
 )  # fmt: skip
 
 
-def _stretch(found: Registration) -> float:
-    H = found.T_a_b.matrix if found.H_a_b is None else found.H_a_b
-    long, short = np.linalg.svd(np.asarray(H)[:2, :2], compute_uv=False)
-    return float(long / short)
+def _skew(found: Registration) -> float:
+    return registered.skew(found.T_a_b.matrix if found.H_a_b is None else found.H_a_b)
 
 
 def sample_of(case: Case) -> Sample | None:

@@ -38,9 +38,8 @@ KIN_PROBABILITY = 0.1
 DRAWN_OUT = 0.7
 LEAST_AGREEMENT = 0.55
 """A doubtful frame that agrees less with its predecessor is of no use, though it may be registered."""
-MOST_STRETCHED = 1.4
-"""From one frame to the next no camera leans so much; rows that lie each 0.35 px further do."""
-STRETCHED_AGREEMENT = 0.75
+MOST_SKEWED, LEVEL = 0.3, 0.06
+SKEWED_AGREEMENT = 0.75
 WRAPPED_SHARE = 0.08
 WRAPPED_AGREEMENT = 0.57
 WRAPPED_COVER = 0.35
@@ -75,7 +74,7 @@ def judge_registered(
     H = registration.T_a_b.matrix if registration.H_a_b is None else registration.H_a_b
     doubt = max(doubt, SUSPECT_DOUBT) if suspect else doubt
     found = fit(look, before, np.asarray(H, np.float64))
-    if _stretch(H) > MOST_STRETCHED and found.agreement > STRETCHED_AGREEMENT:
+    if skew(H) > MOST_SKEWED and found.agreement > SKEWED_AGREEMENT:
         return rejected(Fault.TORN, ": its rows are displaced")
     if found.overlap < LEAST_OVERLAP:
         return GOOD
@@ -114,10 +113,14 @@ def _unregistered(
     return rejected(Fault.BLOCKS, ", and it fits nowhere") if doubt > BELIEVED_DOUBT else GOOD
 
 
-def _stretch(H_a_b: FloatArray) -> float:
-    """Return how many times longer a motion draws the frame in one direction than across it."""
-    long, short = np.linalg.svd(np.asarray(H_a_b)[:2, :2], compute_uv=False)
-    return float(long / max(short, 1e-9))
+def skew(H_a_b: FloatArray) -> float:
+    """Return by how much each row lies further than the one above (px per px), 0 where rows do not stay rows.
+
+    A camera that leans and turns skews a picture, too, but not along its rows alone.
+    """
+    H = np.asarray(H_a_b, np.float64) / H_a_b[2, 2]
+    level = abs(H[1, 0]) < LEVEL and abs(H[1, 1] - H[0, 0]) < 2.0 * LEVEL
+    return float(abs(H[0, 1])) if level else 0.0
 
 
 def _usable(lost: Mask8, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
