@@ -12,6 +12,7 @@ thread, and nothing is ever dropped.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import queue
@@ -52,6 +53,8 @@ QUEUE = 2
 """Frames that wait for the loop; the oldest is dropped where more come."""
 MOST_WAITING = 3
 """Commands that wait for the hand; where more do, no looks are taken: key frames go first."""
+MOST_BEHIND = 24
+"""So many commands wait at most, some of them with a picture; where more would, the loop waits with them."""
 FLUSH_EVERY_S = 2.0
 FLUSH_EVERY_KEYS = 24
 LAST_REDRAW_S = 5.0
@@ -107,7 +110,8 @@ class Session:
         self._arrived = threading.Condition()
         self._ended: StreamEnd | None = None
         self._stop = threading.Event()
-        self._commands: queue.SimpleQueue[Command | None] = queue.SimpleQueue()
+        self._commands: queue.Queue[Command | None] = queue.Queue(MOST_BEHIND)
+        self._hand_thread: threading.Thread | None = None
         self._waiting_keys: deque[float] = deque()
         self._flushed_at = 0.0
         self._flushed_keys = 0
@@ -165,7 +169,7 @@ class Session:
 
     def _run_threads(self) -> None:
         reader = threading.Thread(target=self._read, name="reader", daemon=True)
-        hand = threading.Thread(target=self._work, name="hand", daemon=True)
+        hand = self._hand_thread = threading.Thread(target=self._work, name="hand", daemon=True)
         reader.start()
         hand.start()
         try:
@@ -173,7 +177,7 @@ class Session:
                 self._take(frame)
         finally:
             self._source.close()
-            self._commands.put(None)
+            self._give(None)
             hand.join()
             reader.join(timeout=5.0)
 
@@ -213,6 +217,13 @@ class Session:
                 self._arrived.wait(0.2)
             self._arrived.notify()
             return self._frames.popleft()
+
+    def _give(self, command: Command | None) -> None:
+        """Give the hand a command; where too many wait, wait with it: the reader drops frames then, and counts them."""
+        while self._hand_thread is not None and self._hand_thread.is_alive():
+            with contextlib.suppress(queue.Full):
+                self._commands.put(command, timeout=0.5)
+                return
 
     def _work(self) -> None:
         """The hand's thread: commands first, redrawing in what time is left, tiles to disk once a second."""
@@ -288,7 +299,7 @@ class Session:
             if self._realtime:
                 if isinstance(command, Take | Look):
                     self._waiting_keys.append(frame.arrival_s)
-                self._commands.put(command)
+                self._give(command)
             else:
                 self.hand.do(command)
         if not self._realtime and self.hand.pasted - self._flushed_keys >= FLUSH_EVERY_KEYS:
@@ -303,7 +314,7 @@ class Session:
             self._solution_at = time.monotonic()
             for command in commands:
                 if self._realtime:
-                    self._commands.put(command)
+                    self._give(command)
                 else:
                     self.hand.do(command)
             if snapped:
