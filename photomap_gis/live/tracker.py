@@ -56,6 +56,10 @@ MOST_SPOILT = 5
 """So many frames in a row that are spoilt in part: not they are, the ground has changed or leans."""
 MANY, FEW = 120, 8
 """Key frames that a new segment is compared with, and each of its further key frames."""
+TRIED_EVERY_S = 0.1
+"""One of them in so much of the stream: each costs as much as tracking a frame or two."""
+FIX_REACH_M = 25.0
+"""Two fixes of a plain receiver may be so much further from each other than their frames are."""
 GRID = np.stack(np.meshgrid((np.arange(9) + 0.5) / 9.0, (np.arange(9) + 0.5) / 9.0), axis=-1).reshape(-1, 2)
 
 
@@ -102,6 +106,7 @@ class Tracker:
         self._segment = 0
         self._joined = True
         self._candidates: list[int] = []
+        self._tried_s = -math.inf
         self._recent: dict[int, ImageArray] = {}
         self._spoilt_in_a_row = 0
 
@@ -232,7 +237,7 @@ class Tracker:
             new_key = self._make_key(seen, belief, self._segment, T_key_plane, before)
         else:
             self._before, self._last = last, _Tracked(seen, T_key_px, found)
-        joined = None if self._joined else self._recognise()
+        joined = None if self._joined else self._recognise(seen.time_s)
         if joined is not None:
             belief = (
                 self.chart.belief(new_key.ref.index) if new_key is not None else self._pose(key, seen, T_key_px, found)
@@ -301,7 +306,7 @@ class Tracker:
         joined = None
         if not first:
             self._candidates = self._nearest(belief, seen, MANY)
-            joined = self._recognise()
+            joined = self._recognise(seen.time_s)
         if joined is not None:
             belief = self.chart.belief(new_key.ref.index)
         return Step(
@@ -326,22 +331,32 @@ class Tracker:
         return Belief(T, wide)
 
     def _nearest(self, belief: Belief, seen: _Seen, count: int) -> list[int]:
-        """Return key frames of other segments, the nearest to a place last: that is where they are taken from."""
-        centre = belief.T_map_plane.apply(plane_outline(seen.view).mean(axis=0))
+        """Return key frames of other segments, the nearest to a place last: that is where they are taken from.
+
+        Where fixes tell how far off they are, those that cannot show the same ground are left out.
+        """
+        outline = belief.T_map_plane.apply(plane_outline(seen.view))
+        centre = outline.mean(axis=0)
         mine = self.chart.segments[-1]
         others = [k for k in range(len(self.chart)) if self.chart.segments[k] != mine]
         if not others:
             return []
         origins = np.array([self.chart.belief(k).T_map_plane.translation for k in others])
-        order = np.argsort(np.hypot(*(origins - centre).T), kind="stable")
-        return [others[int(k)] for k in order[:count]][::-1]
+        distance = np.hypot(*(origins - centre).T)
+        if self.chart.map_frame.crs_wkt is not None and seen.ref.fix is not None:
+            reach = 2.0 * float(np.hypot(*(outline - centre).T).max()) + FIX_REACH_M
+            fixed = np.array([self.chart.refs[k].fix is not None for k in others])
+            distance[fixed & (distance > reach)] = np.inf
+        order = np.argsort(distance, kind="stable")[:count]
+        return [others[int(k)] for k in order if np.isfinite(distance[k])][::-1]
 
-    def _recognise(self) -> Joined | None:
-        """Try the next key frame that might show the ground of this segment; one a frame, so that the loop goes on."""
+    def _recognise(self, time_s: float) -> Joined | None:
+        """Try the next key frame that might show the ground of this segment; few a second, so that the loop goes on."""
         key = self._key
         assert key is not None
-        if not self._candidates:
+        if not self._candidates or 0.0 <= time_s - self._tried_s < TRIED_EVERY_S:
             return None
+        self._tried_s = time_s
         other = self._candidates.pop()
         try:
             seen = self._seen_again(other)
