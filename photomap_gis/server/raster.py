@@ -30,6 +30,8 @@ Rgba = npt.NDArray[np.uint8]
 _LOOK_PX = 512  # statistics are taken from a picture of about this side
 _STRETCH_PERCENT = (2.0, 98.0)
 _SQUARE = 1e-9
+_PACKED_HERE = ("DEFLATE", "ZSTD", "JPEG", "WEBP")
+"""Compressions whose overviews we make; GDAL makes the others'."""
 
 
 class RasterFile:
@@ -55,7 +57,10 @@ class RasterFile:
             self.close()
             raise
         grid = _grid(crs_wkt, base, base)
-        self.levels = tuple(RasterLevel(self, n, _grid(crs_wkt, base, d)) for n, d in enumerate(self._datasets))
+        self.levels = tuple(
+            RasterLevel(self, n, _grid(crs_wkt, base, d, 1 << n if _is_ours(base) else None))
+            for n, d in enumerate(self._datasets)
+        )
         self.grid = grid
         self.tags: dict[str, str] = dict(base.tags()) | {k: v for k, v in base.tags(1).items() if v}
 
@@ -223,10 +228,22 @@ def _crs_of(dataset: Any, path: Path, *, local: bool) -> str | None:
         ) from error
 
 
-def _grid(crs_wkt: str | None, base: Any, level: Any) -> MapGrid:
-    """Return the grid of a level: it covers what the file covers, so its pixels may be slightly off square."""
+def _is_ours(dataset: Any) -> bool:
+    """Whether an overview halves the level above exactly: those of others cover just what the file covers."""
+    return (
+        str(dataset.tags().get("TIFFTAG_SOFTWARE", "")).startswith("photomap")
+        and dataset.compression is not None
+        and dataset.compression.value in _PACKED_HERE
+    )
+
+
+def _grid(crs_wkt: str | None, base: Any, level: Any, times: float | None = None) -> MapGrid:
+    """Return the grid of a level, whose pixels are ``times`` as large as the file's own.
+
+    Where that is not known it covers what the file covers, so its pixels may be slightly off square.
+    """
     a, b, c, d, e, f = tuple(base.transform)[:6]
-    along, down = base.width / level.width, base.height / level.height
+    along, down = (times, times) if times else (base.width / level.width, base.height / level.height)
     a, d, b, e = a * along, d * along, b * down, e * down
     if b == 0 and d == 0 and a > 0 and abs(a + e) <= _SQUARE * a:
         return MapGrid(crs_wkt, c, f, a, level.width, level.height)
