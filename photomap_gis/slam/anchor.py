@@ -117,7 +117,7 @@ def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray, *, s
     t = (fixes_m[i] + fixes_m[j] - z * (points[i] + points[j])) / 2.0
     # all pairs against a thinned set of points at once: thousands of fixes need no more than some hundred to vote
     voters = np.linspace(0, n - 1, min(n, VOTERS)).astype(np.intp)
-    score = np.median(np.abs(z[:, None] * points[voters] + t[:, None] - fixes_m[voters]), axis=1)
+    score = _medians(np.abs(z[:, None] * points[voters] + t[:, None] - fixes_m[voters]))
     score[z == 0] = np.inf
     best = int(np.argmin(score))
     if not np.isfinite(score[best]):
@@ -125,7 +125,7 @@ def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray, *, s
     fit = Fit(complex(z[best]), complex(t[best]))
     for _ in range(10):
         r = np.abs(fit.z * points + fit.t - fixes_m)
-        scale = max(1.0, float(np.median(r / sigma_m)) / 1.1774)
+        scale = max(1.0, float(_medians(r / sigma_m)) / 1.1774)
         weights = redescending((r / (sigma_m * scale)) ** 2, 3.0) / sigma_m**2
         mean_p, mean_f = (weights @ points) / weights.sum(), (weights @ fixes_m) / weights.sum()
         spread = float(weights @ np.abs(points - mean_p) ** 2)
@@ -141,6 +141,13 @@ def align(points: ComplexArray, fixes_m: ComplexArray, sigma_m: FloatArray, *, s
     effective = np.sqrt(np.sum(weights * np.abs(points - mean_p) ** 2) * abs(fit.z) ** 2 * max(0.25, 2.0 / n))
     sigma_rad = scale / float(effective)
     return replace(fit, sigma_rad=sigma_rad, spread=scale) if sigma_rad < ALIGNED_SIGMA_RAD else None
+
+
+def _medians(values: FloatArray) -> FloatArray:
+    """Return the medians of ``(..., n)`` finite values: thousands of short rows, for which NumPy's takes its time."""
+    n = values.shape[-1]
+    middle = np.partition(values, ((n - 1) // 2, n // 2), axis=-1)
+    return 0.5 * (middle[..., (n - 1) // 2] + middle[..., n // 2])
 
 
 def far_pairs(points: ComplexArray, samples: int) -> IntArray:
