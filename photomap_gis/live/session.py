@@ -16,7 +16,6 @@ import contextlib
 import logging
 import math
 import queue
-import sys
 import threading
 import time
 from collections import deque
@@ -59,8 +58,6 @@ MOST_BEHIND = 24
 FLUSH_EVERY_S = 2.0
 FLUSH_EVERY_KEYS = 24
 LAST_REDRAW_S = 5.0
-SWITCH_S = 0.0005
-"""So soon a thread may ask for Python's lock: the loop gives it away a hundred times a frame, and waits for it."""
 REDRAW_SHARE = 0.35
 """Share of the hand's time that redrawing may take while frames come."""
 
@@ -175,13 +172,10 @@ class Session:
         hand = self._hand_thread = threading.Thread(target=self._work, name="hand", daemon=True)
         reader.start()
         hand.start()
-        usual_s = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_S)
         try:
             while (frame := self._next()) is not None:
                 self._take(frame)
         finally:
-            sys.setswitchinterval(usual_s)
             self._source.close()
             self._give(None)
             hand.join()

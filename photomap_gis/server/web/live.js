@@ -8,7 +8,6 @@ const SILENT_S = 8;
 const STILL_S = 4;
 const COVERAGE_EVERY_MS = 3000;
 const LEGENDS_EVERY_MS = 10000;
-const POSE_EVERY_MS = 80;
 const SIGMAS_90 = 2.1460;  // of a round error: within so many sigmas lie 90 %
 
 export class Live {
@@ -116,23 +115,12 @@ export class Live {
     this.fitting = false;
   }
 
-  /** Every frame's pose comes; the map is drawn anew a dozen times a second, which is what an old laptop has time for. */
   pose(d) {
     if (d.frame !== this.state.pose?.frame || !this.posed) this.posed = performance.now();
     this.state.pose = d;
     if (this.state.phase === "starting") { this.state.phase = "flying"; this.tell(); }
-    const wait = POSE_EVERY_MS - (performance.now() - (this.poseDrawnAt ?? -1e9));
-    if (wait <= 0) this.drawPose();
-    else this.poseTimer ??= setTimeout(() => this.drawPose(), wait);
-  }
-
-  drawPose() {
-    clearTimeout(this.poseTimer);
-    this.poseTimer = null;
-    this.poseDrawnAt = performance.now();
-    const { page } = this, d = this.state.pose, placed = d?.centre != null;
-    if (!d) return;
     this.source.clear(true);
+    const { page } = this, placed = d.centre !== null;
     const features = [];
     const add = (geometry, properties) => features.push(new ol.Feature({ geometry, ...properties }));
     if (d.footprint) add(new ol.geom.Polygon([[...d.footprint, d.footprint[0]].map(c => page.at(c))]), { role: "footprint" });

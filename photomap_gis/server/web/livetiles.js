@@ -3,7 +3,6 @@
 const AT_ONCE = 4;
 const REMEMBERED = 1500;
 const RETRY_MS = 2000;
-const REFRESH_MS = 700;  // what is new comes at once, what is there already is renewed so often at most
 
 export class LiveTiles {
   /** options as of ol.source.TileImage; url(tileCoord) gives a tile's address. */
@@ -32,7 +31,6 @@ export class LiveTiles {
     if (this.loading.has(entry)) { entry.again = true; return; }
     this.loading.add(entry);
     entry.stale = false;
-    entry.notBefore = performance.now() + REFRESH_MS;
     try {
       // The browser asks with the ETag that it has: what did not change does not travel.
       const answer = await fetch(entry.src, { cache: "no-cache" });
@@ -68,8 +66,6 @@ export class LiveTiles {
       if (!extents || extents.some(e => ol.extent.intersects(e, box))) entry.stale = true;
     }
     this.pump();
-    clearTimeout(this.later);
-    this.later = setTimeout(() => this.pump(), REFRESH_MS);
   }
 
   /** Ask again for what is stale and in sight, from the middle outwards. */
